@@ -1,0 +1,5 @@
+"""Hot loops in C, one module each (`bvh`, `decimate`, `field`, `subdivide`), over contiguous numpy arrays.
+
+Each Python module here is the whole interface of its compiled twin in `src/`; `reference/` holds the readable
+numpy versions that the tests compare them with. Nothing here knows about assets, plugins or torch.
+"""
