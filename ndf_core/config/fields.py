@@ -1,4 +1,4 @@
-"""The options of a pydantic config model as flat dotted keys: ``loss.cycle`` for the field `cycle` of the table `loss`."""
+"""Options of a pydantic config model by dotted key: ``loss.cycle`` for the field `cycle` of the table `loss`."""
 
 from __future__ import annotations
 

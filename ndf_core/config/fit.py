@@ -13,16 +13,18 @@ class LossWeights(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     projection: float = Field(
-        1e4, ge=0, description="lambda_P: squared distance from the mapped point to its projection"
+        default=1e4, ge=0, description="lambda_P: squared distance from the mapped point to its projection"
     )
-    cycle: float = Field(1e2, ge=0, description="lambda_C: squared error of the inverse network after the map")
+    cycle: float = Field(
+        default=1e2, ge=0, description="lambda_C: squared error of the inverse network after the map"
+    )
     anchor: float = Field(
-        0.0, ge=0, description="lambda_A: squared distance of the anchors from their targets (App. D.1)"
+        default=0.0, ge=0, description="lambda_A: squared distance of the anchors from their targets (App. D.1)"
     )
     normal: float = Field(
-        0.0, ge=0, description="squared difference of the mapped normal and the surface's (App. D.2)"
+        default=0.0, ge=0, description="squared difference of the mapped normal and the surface's (App. D.2)"
     )
-    conformality: float = Field(0.0, ge=0, description="softplus of -det J / tr J^T J (App. D.3)")
+    conformality: float = Field(default=0.0, ge=0, description="softplus of -det J / tr J^T J (App. D.3)")
 
 
 class FitConfig(BaseModel):
@@ -30,14 +32,18 @@ class FitConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    recipe: Literal["fast", "paper"] = Field("fast", description="training recipe; `paper` is App. A.1 to the letter")
-    faces: int = Field(2000, ge=4, le=2_000_000, description="most faces of the base mesh")
-    feature_dim: int = Field(16, ge=0, le=256, description="dimension d of the per-vertex features (Sec. 3.3)")
-    steps: int = Field(1500, ge=0, le=10_000_000, description="training steps after the initialisation")
-    seed: int = Field(0, ge=0, lt=2**63, description="seed of everything random")
-    device: Literal["auto", "cpu", "cuda"] = Field("auto", description="where the networks are trained")
-    threads: int = Field(
-        0, ge=0, le=1024, description="CPU threads; 0 takes all. Part of what makes a run repeatable"
+    recipe: Literal["fast", "paper"] = Field(
+        default="fast", description="training recipe; `paper` is App. A.1 to the letter"
     )
-    batch: int = Field(8192, ge=1, le=2**24, description="samples per step (the paper's s)")
+    faces: int = Field(default=2000, ge=4, le=2_000_000, description="most faces of the base mesh")
+    feature_dim: int = Field(
+        default=16, ge=0, le=256, description="dimension d of the per-vertex features (Sec. 3.3)"
+    )
+    steps: int = Field(default=1500, ge=0, le=10_000_000, description="training steps after the initialisation")
+    seed: int = Field(default=0, ge=0, lt=2**63, description="seed of everything random")
+    device: Literal["auto", "cpu", "cuda"] = Field(default="auto", description="where the networks are trained")
+    threads: int = Field(
+        default=0, ge=0, le=1024, description="CPU threads; 0 takes all. Part of what makes a run repeatable"
+    )
+    batch: int = Field(default=8192, ge=1, le=2**24, description="samples per step (the paper's s)")
     loss: LossWeights = LossWeights()
