@@ -28,7 +28,7 @@ def decimate(
     max_faces: int,
     *,
     weights: Float[Array, " n"] | None = None,
-    regularisation: float = 0.05,
+    regularisation: float = 0.03,
     shape: float = 0.5,
     altitude: float = 5e-4,
     boundary: float = 1.0,

@@ -138,4 +138,22 @@ static void collapse_edge(CornerMesh *mesh, int32_t h)
     set_outgoing(mesh, a, survivor);
 }
 
+/* Turn the interior edge h = (a, b) of the triangles (a, b, c) and (b, a, d) into (c, d), which must not exist yet. */
+static void flip_edge(CornerMesh *mesh, int32_t h)
+{
+    int32_t g = mesh->opposite[h], n = next(h), p = previous(h), gn = next(g), gp = previous(g);
+    int32_t beyond_p = mesh->opposite[p], beyond_gp = mesh->opposite[gp];
+    int32_t a = mesh->corner[h], b = mesh->corner[g], c = mesh->corner[p], d = mesh->corner[gp];
+    mesh->corner[h] = d;
+    mesh->corner[g] = c;
+    mesh->opposite[h] = mesh->opposite[g] = -1;
+    link_edges(mesh, h, beyond_gp);
+    link_edges(mesh, g, beyond_p);
+    link_edges(mesh, p, gp);
+    set_outgoing(mesh, a, gn);
+    set_outgoing(mesh, b, n);
+    set_outgoing(mesh, c, p);
+    set_outgoing(mesh, d, gp);
+}
+
 #endif

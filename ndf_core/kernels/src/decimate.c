@@ -14,8 +14,11 @@ typedef struct {
 } Options;
 
 /* Limits, from strict to lax; the next line is taken when no edge passes the present one. */
-static const struct { double quality, cosine; } STAGES[] = {{0.3, 0.5}, {0.1, 0.5}, {0.01, 0.26}};
-enum { STAGE_COUNT = 3 };
+static const struct { double cosine; } STAGES[] = {{0.5}, {0.26}};
+enum { STAGE_COUNT = 2 };
+
+/* Flips before the collapses leave flat regions flat to rounding; those after turn no normal by more than 3 degrees. */
+static const double FLAT = 1 - 1e-9, NEARLY_FLAT = 0.9986;
 
 typedef struct {
     CornerMesh mesh;
@@ -23,7 +26,7 @@ typedef struct {
     double (*position)[3];
     Quadric *quadric;
     int32_t *mark, *parent;
-    uint8_t *moved, *exact;
+    uint8_t *moved, *parked;
     int32_t stamp, live_faces, stage;
     Options options;
 } Work;
@@ -185,18 +188,29 @@ static double full_cost(Work *work, int32_t h, double at[3])
     measure_fan(work, mesh->corner[h], face1, face2, at, cosine, &ring);
     if (!ring.turned) measure_fan(work, end_of(mesh, h), face1, face2, at, cosine, &ring);
     if (ring.turned) return INFINITY;
-    double unit = 2 * sqrt(3.0), quality = fmin(1, unit * ring.quality);
-    if (quality < STAGES[work->stage].quality && ring.quality < ring.quality_before) return INFINITY;
     if (ring.altitude < work->options.altitude && ring.altitude < ring.altitude_before) return INFINITY;
-    return cost * (1 + work->options.shape * (1 / fmax(quality, 0.02) - 1));
+    double quality = 2 * sqrt(3.0) * fmax(ring.quality, 0.5 * ring.quality_before);
+    return quality < 1 ? cost * pow(fmax(quality, 1e-3), -work->options.shape) : cost;
 }
 
 static void enqueue(Work *work, int32_t h)
 {
     double at[3];
     int32_t id = edge_id(&work->mesh, h);
-    work->exact[id] = 0;
+    work->parked[id] = 0;
     heap_set(&work->heap, id, place(work, id, at));
+}
+
+/* The triangles around v changed, so what was refused there may be allowed now. */
+static void unpark_around(Work *work, int32_t v)
+{
+    const CornerMesh *mesh = &work->mesh;
+    int32_t start = mesh->outgoing[v], k = start;
+    do {
+        int32_t id = edge_id(mesh, k);
+        if (work->parked[id]) enqueue(work, id);
+        k = turn(mesh, k);
+    } while (k >= 0 && k != start);
 }
 
 static void collapse(Work *work, int32_t h, const double at[3])
@@ -220,6 +234,11 @@ static void collapse(Work *work, int32_t h, const double at[3])
         if (mesh->opposite[previous(k)] < 0) enqueue(work, previous(k));
         k = turn(mesh, k);
     } while (k >= 0 && k != start);
+    k = start;
+    do {
+        unpark_around(work, end_of(mesh, k));
+        k = turn(mesh, k);
+    } while (k >= 0 && k != start);
 }
 
 static void enqueue_all(Work *work)
@@ -239,14 +258,65 @@ static void run(Work *work, int32_t target)
             double at[3], cost = full_cost(work, h, at);
             if (isinf(cost)) {
                 heap_remove(&work->heap, h);
-            } else if (!work->exact[h] && cost > work->heap.entries[0].key) {
-                work->exact[h] = 1;
+                work->parked[h] = 1;
+            } else if (cost > work->heap.entries[0].key) {
                 heap_set(&work->heap, h, cost);
             } else {
                 collapse(work, h, at);
             }
         }
         if (work->live_faces > before - (before - target) / 50 - 1) work->stage++;
+    }
+}
+
+static int adjacent(const CornerMesh *mesh, int32_t v, int32_t w)
+{
+    int32_t start = mesh->outgoing[v], k = start;
+    do {
+        if (end_of(mesh, k) == w || mesh->corner[previous(k)] == w) return 1;
+        k = turn(mesh, k);
+    } while (k >= 0 && k != start);
+    return 0;
+}
+
+static double cotangent(const double apex[3], const double p[3], const double q[3])
+{
+    double u[3], v[3], w[3];
+    subtract(p, apex, u);
+    subtract(q, apex, v);
+    cross(u, v, w);
+    return dot(u, v) / (sqrt(dot(w, w)) + 1e-300);
+}
+
+/* Whether turning the edge gives better triangles (Delaunay's criterion) without moving the surface noticeably. */
+static int worth_flipping(const Work *work, int32_t h, double cosine)
+{
+    const CornerMesh *mesh = &work->mesh;
+    int32_t g = mesh->opposite[h];
+    if (g < 0) return 0;
+    int32_t id[4] = {mesh->corner[h], mesh->corner[g], mesh->corner[previous(h)], mesh->corner[previous(g)]};
+    const double *a = work->position[id[0]], *b = work->position[id[1]], *c = work->position[id[2]], *d = work->position[id[3]];
+    if (cotangent(c, a, b) + cotangent(d, a, b) > -0.02) return 0;
+    double old[2][3], new[2][3], size[4] = {face_normal(a, b, c, old[0]), face_normal(b, a, d, old[1]),
+                                            face_normal(a, d, c, new[0]), face_normal(d, b, c, new[1])};
+    double smallest = fmin(size[2], size[3]), side = sqrt(squared_distance(c, d));
+    if (!(smallest > work->options.altitude * side) && smallest <= fmin(size[0], size[1])) return 0;
+    for (int i = 0; i < 2; i++)
+        for (int k = 0; k < 2; k++)
+            if (dot(old[i], new[k]) < cosine * size[i] * size[2 + k]) return 0;
+    return !adjacent(mesh, id[2], id[3]);
+}
+
+/* Lawson's flips where the surface is nearly flat. */
+static void flip(Work *work, double cosine)
+{
+    for (int pass = 0, flipped = 1; pass < 20 && flipped; pass++) {
+        flipped = 0;
+        for (int32_t h = 0; h < 3 * work->mesh.faces; h++)
+            if (work->mesh.corner[h] >= 0 && edge_id(&work->mesh, h) == h && worth_flipping(work, h, cosine)) {
+                flip_edge(&work->mesh, h);
+                flipped = 1;
+            }
     }
 }
 
@@ -260,10 +330,10 @@ static int work_create(Work *work, const int32_t *faces, size_t face_count, size
     work->mark = calloc(vertex_count + 1, sizeof *work->mark);
     work->parent = malloc((vertex_count + 1) * sizeof *work->parent);
     work->moved = calloc(vertex_count + 1, 1);
-    work->exact = calloc(3 * face_count + 1, 1);
+    work->parked = calloc(3 * face_count + 1, 1);
     work->live_faces = (int32_t)face_count;
     if (heap_create(&work->heap, 3 * face_count)) return -2;
-    return work->position && work->quadric && work->mark && work->parent && work->moved && work->exact ? 0 : -2;
+    return work->position && work->quadric && work->mark && work->parent && work->moved && work->parked ? 0 : -2;
 }
 
 static void work_destroy(Work *work)
@@ -275,7 +345,7 @@ static void work_destroy(Work *work)
     free(work->mark);
     free(work->parent);
     free(work->moved);
-    free(work->exact);
+    free(work->parked);
 }
 
 /* Centre and longest side of the bounding box. */
@@ -358,7 +428,11 @@ static PyObject *decimate(PyObject *module, PyObject *arguments)
             }
             work.options = options;
             face_quadrics(&work, weights.data);
-            run(&work, target);
+            if (work.live_faces > target) {
+                flip(&work, FLAT);
+                run(&work, target);
+                flip(&work, NEARLY_FLAT);
+            }
             kept = write_back(&work, points, faces.data, cluster.data, centre, scale);
         }
         Py_END_ALLOW_THREADS
