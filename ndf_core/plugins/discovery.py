@@ -1,0 +1,100 @@
+"""Which representations the installed distributions say they offer. Reads metadata; imports nothing of a plugin."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib.metadata import Distribution, EntryPoint, distributions
+
+GROUP = "ndf.representations"
+"""The entry-point group, also in `ndf_core.api`, which is too slow to import for a listing."""
+
+OWNERS = {
+    **dict.fromkeys(("analytic", "mesh", "grid", "neural"), "ndf-plugin-sdf"),
+    **dict.fromkeys(("soup", "oriented-points", "points"), "ndf-plugin-pointcloud"),
+    "gaussians": "ndf-plugin-gaussians",
+    "nerf": "ndf-plugin-nerf",
+}
+"""Distributions that keep a name when another claims it as well, so that no stranger can disable these."""
+
+_NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One claim to a `--repr` value."""
+
+    name: str
+    target: str
+    """Entry-point value: the light module."""
+    distribution: str
+    version: str
+    error: str | None = None
+    """Why it cannot be used, as far as metadata tell."""
+
+    @property
+    def origin(self) -> str:
+        """Distribution and version, for messages."""
+        return f"{self.distribution} {self.version}"
+
+
+@lru_cache(maxsize=1)
+def entries() -> tuple[Entry, ...]:
+    """All claims, usable or not, by name and then distribution; read once per process."""
+    found = sorted(_claims(), key=lambda entry: (entry.name, entry.distribution))
+    count = Counter(entry.name for entry in found)
+    return tuple(_judge(entry, [other for other in found if other.name == entry.name], count) for entry in found)
+
+
+def _judge(entry: Entry, same_name: list[Entry], count: Counter[str]) -> Entry:
+    if entry.error:
+        return entry
+    if not _NAME.fullmatch(entry.name):
+        return replace(entry, error="its name must be lower-case letters, digits and hyphens")
+    owner = OWNERS.get(entry.name)
+    owned = [other for other in same_name if _canonical(other.distribution) == owner]
+    if count[entry.name] == 1 or owned == [entry]:
+        return entry
+    if owned:
+        return replace(entry, error=f"the name clashes with {owned[0].origin}, which keeps it; rename this one")
+    others = ", ".join(other.origin for other in same_name if other is not entry)
+    return replace(entry, error=f"the name clashes with {others}; uninstall one of them")
+
+
+def _claims() -> Iterator[Entry]:
+    seen: set[str] = set()
+    for distribution in distributions():
+        try:
+            text = distribution.read_text("entry_points.txt") or ""
+        except (OSError, UnicodeDecodeError):
+            continue  # metadata that pip cannot read either; nothing says that it is a plugin
+        if GROUP not in text:
+            continue
+        name, version = _identity(distribution)
+        if _canonical(name) in seen:  # the first on the path hides the others, as for imports
+            continue
+        seen.add(_canonical(name))
+        try:
+            points = [point for point in distribution.entry_points if point.group == GROUP]
+        except Exception as error:
+            yield Entry(name, "", name, version, f"entry_points.txt cannot be read: {type(error).__name__}: {error}")
+            continue
+        yield from (_entry(point, name, version) for point in points)
+
+
+def _entry(point: EntryPoint, name: str, version: str) -> Entry:
+    return Entry(point.name, point.value, name, version)
+
+
+def _identity(distribution: Distribution) -> tuple[str, str]:
+    """Name and version; placeholders where the METADATA file lacks them."""
+    metadata = distribution.metadata.json
+    return str(metadata.get("name") or "unnamed"), str(metadata.get("version") or "0")
+
+
+def _canonical(name: str) -> str:
+    """PEP 503."""
+    return re.sub(r"[-_.]+", "-", name).lower()

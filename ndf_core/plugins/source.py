@@ -1,0 +1,33 @@
+"""What can be said of a source before any plugin sees it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ndf_core.errors import InputError
+
+_CALLABLE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+
+
+def check_source(source: object) -> None:
+    """Refuse what no plugin could read. Python objects and ``module:callable`` pass; files must exist and hold bytes.
+
+    Raises:
+        InputError: there is no such file, it may not be read, or it is empty.
+    """
+    if not isinstance(source, (str, Path)):
+        return
+    path = Path(source)
+    try:
+        found = path.stat()
+        if path.is_file():
+            path.open("rb").close()
+    except FileNotFoundError as error:
+        if isinstance(source, str) and _CALLABLE.fullmatch(source):
+            return
+        raise InputError(f"{source}: there is no such file") from error
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
+        raise InputError(f"{source}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if path.is_file() and found.st_size == 0:
+        raise InputError(f"{source}: the file is empty")
