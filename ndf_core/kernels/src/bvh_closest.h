@@ -206,7 +206,10 @@ static void closest_rows(const Tree *tree, const double *queries, const int32_t 
 {
     int32_t leaf = 0;
     for (int64_t n = 0; n < count; n++) {
-        int64_t row = order[n];
+        int64_t row = order[n], ahead = order[n + 12 < count ? n + 12 : n];
+        PREFETCH(queries + 3 * ahead); /* sorted queries lie scattered in memory */
+        PREFETCH(points + 3 * ahead);
+        PREFETCH(weights + 3 * ahead);
         double q[3];
         for (int k = 0; k < 3; k++) q[k] = (queries[3 * row + k] - tree->center[k]) * tree->scale;
         Nearest best = closest_face(tree, q, leaf);

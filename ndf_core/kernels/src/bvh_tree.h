@@ -1,4 +1,4 @@
-/* The tree: 8 children per node with float32 boxes, leaves of up to 4 triangles in float64, built by binned SAH.
+/* The tree: 8 children per node with float32 boxes, leaves of up to 8 triangles in float64, built by binned SAH.
  *
  * Coordinates inside are recentred and scaled by a power of two, so that the mesh fills about [-1, 1]^3 whatever its
  * units: float32 boxes are then precise enough everywhere, and squares neither overflow nor underflow. */
@@ -11,8 +11,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* gcc vectorises no loop that compares floats while it must keep the order of floating-point traps; nobody reads them
+ * here, and results do not change. */
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize("no-trapping-math")
+#endif
+
 #define WIDTH 8
-#define LANES 4
+#define LANES 8
 #define BINS 16
 #define MAX_DEPTH 96 /* of binary splits; past 56 they halve the range, and no range is longer than 2^31 */
 #define STACK (MAX_DEPTH * (WIDTH - 1) + WIDTH)
@@ -24,8 +30,10 @@
 #endif
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
+#define PREFETCH(address) __builtin_prefetch(address)
 #else
 #define INLINE static inline
+#define PREFETCH(address) ((void)(address))
 #endif
 
 typedef struct {
@@ -39,7 +47,7 @@ typedef struct {
     double ab_ab[LANES], ab_ac[LANES], ac_ac[LANES];                           /* edge products */
     double over_ab[LANES], over_ac[LANES], over_bc[LANES], over_area[LANES];   /* reciprocals, 0 where degenerate */
     int32_t face[LANES];                                                       /* lanes past `count` repeat lane 0 */
-    int32_t count, unused[11];
+    int32_t count, unused[7];                                                  
 } Leaf;
 
 typedef struct {
