@@ -38,6 +38,7 @@ class ResolvedConfig:
 
     fit: Resolved[FitConfig]
     representation: Resolved[BaseModel] | None
+    """None where no representation takes part."""
 
 
 @dataclass(frozen=True)
@@ -74,20 +75,19 @@ def resolve_config(
     file = file if isinstance(file, ConfigFile) or file is None else read_config_file(file)
     errors = list(file.errors) if file else []
     fit = _resolve(FitConfig, fit_layers(spec, given, file, training_defaults), errors)
-    representation = None
-    if spec is not None:
-        layers = [
-            *([file.representation_layer()] if file else []),
-            Layer(given.name, given.representation, given.spell_representation),
-        ]
-        try:
-            representation = _resolve(spec.config, layers, errors)
-        except Exception as error:
-            cause = f"{type(error).__name__}: {error}"
-            raise PluginError(f"--repr {spec.name}: the plugin failed to check its options: {cause}") from error
+    representation = _resolve_representation(spec, given, file, errors) if spec else None
     if fit is None or errors:
-        raise ConfigError(errors[0] if len(errors) == 1 else "\n  ".join([f"{len(errors)} wrong options:", *errors]))
+        raise _wrong(errors)
     return ResolvedConfig(fit, representation)
+
+
+def resolve_representation(spec: RepresentationSpec, options: Mapping[str, Any]) -> BaseModel:
+    """The representation's own options alone, as `ndf_core.open` takes them; raises as `resolve_config` does."""
+    errors: list[str] = []
+    resolved = _resolve_representation(spec, Given(representation=options), None, errors)
+    if resolved is None or errors:
+        raise _wrong(errors)
+    return resolved.config
 
 
 def fit_layers(
@@ -108,6 +108,23 @@ def fit_layers(
     named = [layer.values["recipe"] for layer in (*below, *above) if "recipe" in layer.values]
     recipe = recipe_layer(named[-1] if named else leaves(FitConfig)["recipe"].default)
     return [*below, *([recipe] if recipe else []), *above]
+
+
+def _wrong(errors: list[str]) -> ConfigError:
+    return ConfigError(errors[0] if len(errors) == 1 else "\n  ".join([f"{len(errors)} wrong options:", *errors]))
+
+
+def _resolve_representation(
+    spec: RepresentationSpec, given: Given, file: ConfigFile | None, errors: list[str]
+) -> Resolved[BaseModel] | None:
+    """Its validators are foreign code: what they raise beside a ValidationError is the plugin's failure."""
+    below = [file.representation_layer()] if file else []
+    layers = [*below, Layer(given.name, given.representation, given.spell_representation)]
+    try:
+        return _resolve(spec.config, layers, errors)
+    except Exception as error:
+        cause = f"{type(error).__name__}: {error}"
+        raise PluginError(f"--repr {spec.name}: the plugin failed to check its options: {cause}") from error
 
 
 def _resolve(model: type[Model], layers: Iterable[Layer], errors: list[str]) -> Resolved[Model] | None:

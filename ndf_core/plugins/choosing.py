@@ -27,13 +27,15 @@ class Choice:
         return f"read as {self.spec.name}: {self.reason}"
 
 
-def choose(source: str | Path) -> Choice:
+def choose(source: str | Path | object) -> Choice:
     """The single most confident representation.
 
     Raises:
         InputError: there is no such file, or it is empty.
         RepresentationError: none recognises the source, or two do equally well.
     """
+    if not isinstance(source, (str, Path)):
+        raise RepresentationError(f"a {type(source).__name__} is no file; name its representation with repr=")
     check_source(source)
     specs, broken = load_usable()
     warnings = [f"not asked: {line}" for line in broken]
