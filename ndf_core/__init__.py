@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from ndf_core.asset.asset import Asset
     from ndf_core.fitting.observer import Observer
     from ndf_core.interfaces import Surface

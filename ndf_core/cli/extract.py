@@ -1,0 +1,42 @@
+"""`ndf extract`: from an asset to a triangle mesh."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import click
+
+from ndf_core.cli.app import debug_option, json_option
+from ndf_core.cli.paths import check_output
+from ndf_core.cli.result import Result, as_lines
+from ndf_core.errors import ConfigError
+
+
+@click.command(short_help="Extract a triangle mesh from an asset.")
+@click.argument("asset", metavar="ASSET.ndf", type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="The mesh: .ply, .obj, .stl, .glb or .off."
+)
+@click.option(
+    "--edge-length", type=float, metavar="H", help="In the units of the input; 1/150 of the longest side if left out."
+)
+@json_option
+@debug_option
+def command(asset: Path, output: Path, edge_length: float | None) -> Result:
+    """Extract a triangle mesh from ASSET.ndf, in the coordinates of the input that was fitted."""
+    from ndf_core.asset.asset import Asset
+    from ndf_core.meshio import SUFFIXES, write_mesh
+
+    if edge_length is not None and not (math.isfinite(edge_length) and edge_length > 0):
+        raise ConfigError(f"--edge-length {edge_length:g}: must be a positive length in the units of the input")
+    check_output(output, SUFFIXES, asset)
+    mesh = Asset.load(asset).extract(edge_length)
+    write_mesh(output, mesh.vertices, mesh.faces)
+    report = {
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
+        "edge_length": mesh.edge_length,
+        **mesh.statistics,
+    }
+    return Result(report, f"{output}\n{as_lines(report, '  ')}")

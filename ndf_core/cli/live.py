@@ -1,0 +1,50 @@
+"""The live line of `ndf fit` in a terminal. rich comes with ``ndf-core[fit]``, which this command needs anyway."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from ndf_core.cli.progress import progress_line
+
+
+@contextmanager
+def live_observer() -> Generator[LiveObserver]:
+    """Keeps one line at the bottom of the terminal up to date; messages scroll above it."""
+    console = Console(stderr=True)
+    with Live(console=console, refresh_per_second=8, transient=True) as live:
+        yield LiveObserver(console, live)
+
+
+class LiveObserver:
+    """Shows the stage, or in training a bar and the losses."""
+
+    def __init__(self, console: Console, live: Live) -> None:
+        self._console = console
+        self._live = live
+
+    def stage(self, name: str) -> None:
+        self._live.update(Text(f"{name} ..."))
+
+    def progress(
+        self,
+        step: int,
+        total: int,
+        projection_rms: float,
+        cycle_loss: float,
+        samples_per_second: float,
+        seconds_left: float,
+    ) -> None:
+        line = progress_line(step, total, projection_rms, cycle_loss, samples_per_second, seconds_left)
+        row = Table.grid(padding=(0, 1))
+        row.add_row(ProgressBar(total=max(total, 1), completed=step, width=20), Text(line, no_wrap=True))
+        self._live.update(row)
+
+    def message(self, text: str) -> None:
+        self._console.print(Text(text))
