@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from importlib.metadata import EntryPoint
 from typing import Any
 
@@ -53,8 +54,9 @@ def load_entry(entry: Entry, seconds: float = SECONDS) -> api.RepresentationSpec
     raise PluginError(f"--repr {entry.name}: the plugin {entry.origin} cannot be used: {cause}")
 
 
+@lru_cache(maxsize=1)
 def load_usable() -> tuple[list[api.RepresentationSpec], list[str]]:
-    """All specs that can be had, and one line for each that cannot."""
+    """All specs that can be had, and one line for each that cannot; tried once per process."""
     specs: list[api.RepresentationSpec] = []
     broken: list[str] = []
     for entry in entries():

@@ -1,0 +1,23 @@
+"""For the tests of every distribution: run-time checks of array shapes, and the data beside the repository."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from jaxtyping import install_import_hook
+
+# Shapes and dtypes of every annotated array are checked in all that computes. The light modules (cli, config, plugins)
+# hold no arrays and name heavy types under TYPE_CHECKING, which beartype cannot resolve.
+CHECKED = ("asset", "base_mesh", "extract", "fitting", "interfaces", "kernels", "mesh", "meshio", "render")
+
+install_import_hook([f"ndf_core.{name}" for name in CHECKED], "beartype.beartype")
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder of real files; skips where there is none."""
+    folder = Path(__file__).resolve().parent.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("the data folder ../shared/data is not beside the repository")
+    return folder
