@@ -12,7 +12,7 @@ import pytest
 from ndf_core.plugins.discovery import entries
 from ndf_core.plugins.loading import load_usable
 
-GOOD = '''
+GOOD = """
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -47,9 +47,9 @@ def ndf_representation() -> RepresentationSpec:
         suffixes=(".blob",),
         sniff=sniff,
     )
-'''
+"""
 
-OPEN = '''
+OPEN = """
 from ndf_core.errors import InputError
 from ndf_core.interfaces import BaseMeshExtractor, Projector, Surface
 
@@ -72,7 +72,7 @@ def open_it(source, config):
     if "crash" in text:
         raise ZeroDivisionError("of a sloppy author")
     return Surface("NAME", Nothing(), Identity(), f"{text.strip()} {config.resolution}", notes=("a note",))
-'''
+"""
 
 
 @dataclass

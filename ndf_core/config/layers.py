@@ -58,9 +58,11 @@ def merge(model: type[BaseModel], layers: Iterable[Layer]) -> Merged:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """Advice for a name that does not exist: the closest ones, or all of them."""
+    """Advice for a name that does not exist: the closest ones, with or without their table, or all of them."""
     names = list(known)
-    close = difflib.get_close_matches(word, names, n=3, cutoff=0.6)
+    spellings = {name.rpartition(".")[2]: name for name in names} | {name: name for name in names}
+    matches = difflib.get_close_matches(word, spellings, n=3, cutoff=0.7)
+    close = dict.fromkeys(spellings[match] for match in matches)
     return f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(names) or 'none'}"
 
 

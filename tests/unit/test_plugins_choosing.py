@@ -105,5 +105,5 @@ def test_a_plugin_that_fails_while_opening_is_named(plugin_maker: PluginMaker, t
 
 def test_a_plugin_whose_opener_cannot_be_imported_is_unusable(plugin_maker: PluginMaker, blob: Path) -> None:
     plugin_maker.add("blob", replace={"MODULE_open:open_it": "json:open_it"})
-    with pytest.raises(PluginError, match="--repr blob: the plugin cannot be used: .*open_it"):
+    with pytest.raises(PluginError, match=r"--repr blob: the plugin cannot be used: .*open_it"):
         ndf_core.open(blob)

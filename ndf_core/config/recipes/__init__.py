@@ -1,4 +1,4 @@
-"""Training recipes: TOML files in this folder with the keys of a config file's [fit] table, over the plugin's defaults.
+"""Training recipes: config files in this folder with a [fit] table, which lies over the plugin's training defaults.
 
 A recipe never sets the weights of ``loss``, which belong to the representation (Table 3).
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 from importlib.resources import files
 
 from ndf_core.config.layers import Layer
-from ndf_core.config.toml import read_toml
+from ndf_core.config.toml import read_config_file
 
 
 def recipe_names() -> tuple[str, ...]:
@@ -20,4 +20,4 @@ def recipe_layer(name: object) -> Layer | None:
     """The layer of a recipe; None where there is none of this name, which validation then reports."""
     if name not in recipe_names():
         return None
-    return Layer(f"recipe {name}", read_toml(str(files(__name__) / f"{name}.toml")))
+    return Layer(f"recipe {name}", read_config_file(str(files(__name__) / f"{name}.toml")).fit)
