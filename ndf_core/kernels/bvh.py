@@ -35,8 +35,9 @@ class TriangleBVH:
         faces = np.asarray(faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
             raise ValueError(f"faces: need an integer array (f, 3), got {faces.dtype} {faces.shape}")
-        if len(faces) and not (0 <= int(faces.min()) and int(faces.max()) < len(vertices)):
-            row = int(np.argmax(((faces < 0) | (faces >= len(vertices))).any(axis=1)))
+        outside = ((faces < 0) | (faces >= len(vertices))).any(axis=1)
+        if outside.any():
+            row = int(outside.argmax())
             raise ValueError(f"faces: row {row} names a vertex outside 0..{len(vertices) - 1}")
         self._tree = _bvh.build(vertices, np.ascontiguousarray(faces, dtype=np.int32))
 
@@ -65,6 +66,57 @@ class TriangleBVH:
 
         _share(run, count, threads)
         return found, faces, weights
+
+    def first_hit(
+        self, origins: Float[Array, "n 3"], directions: Float[Array, "n 3"], threads: int = 1
+    ) -> tuple[Float[Array, " n"], Int[Array, " n"]]:
+        """First face that each ray ``origin + t * direction``, t >= 0, meets, from either side.
+
+        Watertight: a ray through an edge or a corner shared by two faces hits one of them.
+
+        Args:
+            origins: float64, in the mesh's units.
+            directions: float64, of any length but zero.
+            threads: rows are shared out over this many threads.
+
+        Returns:
+            t (in lengths of the direction; inf where nothing is hit) and the faces (int32; -1 there).
+
+        Raises:
+            ValueError: an origin or direction is not finite, or a direction is zero.
+        """
+        origins, directions = _rows(origins, "origins"), _rows(directions, "directions")
+        t, faces = np.empty(len(origins)), np.empty(len(origins), np.int32)
+
+        def run(part: slice) -> None:
+            _bvh.first_hit(self._tree, origins[part], directions[part], t[part], faces[part])
+
+        if len(origins) != len(directions):
+            raise ValueError(f"directions: need {len(origins)} rows like the origins, got {len(directions)}")
+        _share(run, len(origins), threads)
+        return t, faces
+
+    def self_intersections(self, limit: int | None = None) -> Int[Array, "k 2"]:
+        """Pairs of faces that properly intersect, the smaller index first, in lexicographic order.
+
+        Two faces properly intersect when they cross over a length greater than zero, or lie in a common plane and
+        overlap over an area. Touching is not intersecting: common corners and edges, a corner or an edge of one
+        lying in the other, T-junctions. Neighbours are reported when they cross beyond what they share, or are
+        folded onto each other; so are duplicates of a face. Degenerate faces have no interior and are never
+        reported.
+
+        Contact within rounding is touching: decisions are made in double arithmetic, and whatever its error bound, or
+        moving each coordinate by two units in the last place of the mesh's largest coordinate, could turn into
+        touching counts as touching. Planes that differ by less are one plane. No other tolerance is used.
+
+        Args:
+            limit: stop after this many pairs (which ones depends only on the mesh).
+        """
+        if limit is not None and limit < 0:
+            raise ValueError(f"limit: need at least 0, got {limit}")
+        found = _bvh.self_intersections(self._tree, 2**62 if limit is None else limit)
+        pairs = np.frombuffer(found, dtype=np.int32).reshape(-1, 2)
+        return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
 
 def _rows(values: Float[Array, "n 3"], name: str) -> Float[Array, "n 3"]:

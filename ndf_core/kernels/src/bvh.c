@@ -2,6 +2,8 @@
 #include "arrays.h"
 
 #include "bvh_closest.h"
+#include "bvh_overlap.h"
+#include "bvh_ray.h"
 
 #define CAPSULE "ndf_core.kernels.TriangleBVH"
 #define CHUNK 262144 /* rows sorted together: bounds the scratch memory */
@@ -78,39 +80,93 @@ static int closest_sorted(const Tree *tree, const double *queries, int64_t count
     return 0;
 }
 
+/* Buffers of one call: `count` arrays of equally many rows, of which the first `inputs` are read-only and finite. */
+static int get_rows(PyObject **objects, Array *arrays, int count, int inputs, const char *formats,
+                    const Py_ssize_t *columns, const char **names)
+{
+    int held = 0;
+    while (held < count &&
+           array_get(objects[held], &arrays[held], formats[held], columns[held], held >= inputs, names[held]) == 0)
+        held++;
+    int good = held == count;
+    for (int i = 0; good && i < count; i++) {
+        if (arrays[i].rows != arrays[0].rows) {
+            PyErr_Format(PyExc_ValueError, "%s: need %zd rows like %s, got %zd", names[i], arrays[0].rows, names[0],
+                         arrays[i].rows);
+            good = 0;
+        }
+        good = good && (i >= inputs || check_values(&arrays[i], DBL_MAX, names[i]) == 0);
+    }
+    while (!good && held > 0) array_release(&arrays[--held]);
+    return good ? 0 : -1;
+}
+
 static PyObject *closest(PyObject *self, PyObject *args)
 {
     (void)self;
-    PyObject *objects[4], *capsule, *result = NULL;
-    Array arrays[4];
-    static const char formats[] = "ddid";
     static const Py_ssize_t columns[] = {3, 3, 1, 3};
     static const char *names[] = {"queries", "points", "faces", "barycentric"};
+    PyObject *capsule, *objects[4];
+    Array arrays[4];
     if (!PyArg_ParseTuple(args, "OOOOO", &capsule, &objects[0], &objects[1], &objects[2], &objects[3])) return NULL;
     const Tree *tree = PyCapsule_GetPointer(capsule, CAPSULE);
-    if (!tree) return NULL;
-    int held = 0;
-    while (held < 4 && array_get(objects[held], &arrays[held], formats[held], columns[held], held > 0, names[held]) == 0)
-        held++;
-    if (held == 4) {
-        Py_ssize_t rows = arrays[0].rows;
-        if (arrays[1].rows != rows || arrays[2].rows != rows || arrays[3].rows != rows) {
-            PyErr_SetString(PyExc_ValueError, "closest: the answers need as many rows as the queries");
-        } else if (check_values(&arrays[0], DBL_MAX, "queries") == 0) {
-            int status;
-            Py_BEGIN_ALLOW_THREADS
-            status = closest_sorted(tree, arrays[0].data, rows, arrays[1].data, arrays[2].data, arrays[3].data);
-            Py_END_ALLOW_THREADS
-            result = status == 0 ? Py_NewRef(Py_None) : PyErr_NoMemory();
-        }
+    if (!tree || get_rows(objects, arrays, 4, 1, "ddid", columns, names) < 0) return NULL;
+    int status;
+    Py_BEGIN_ALLOW_THREADS
+    status = closest_sorted(tree, arrays[0].data, arrays[0].rows, arrays[1].data, arrays[2].data, arrays[3].data);
+    Py_END_ALLOW_THREADS
+    for (int i = 0; i < 4; i++) array_release(&arrays[i]);
+    return status == 0 ? Py_NewRef(Py_None) : PyErr_NoMemory();
+}
+
+static PyObject *first_hit(PyObject *self, PyObject *args)
+{
+    (void)self;
+    static const Py_ssize_t columns[] = {3, 3, 1, 1};
+    static const char *names[] = {"origins", "directions", "t", "faces"};
+    PyObject *capsule, *objects[4];
+    Array arrays[4];
+    if (!PyArg_ParseTuple(args, "OOOOO", &capsule, &objects[0], &objects[1], &objects[2], &objects[3])) return NULL;
+    const Tree *tree = PyCapsule_GetPointer(capsule, CAPSULE);
+    if (!tree || get_rows(objects, arrays, 4, 2, "dddi", columns, names) < 0) return NULL;
+    const double *d = arrays[1].data;
+    Py_ssize_t rows = arrays[0].rows, row = 0;
+    while (row < rows && (d[3 * row] != 0.0 || d[3 * row + 1] != 0.0 || d[3 * row + 2] != 0.0)) row++;
+    if (row == rows) {
+        Py_BEGIN_ALLOW_THREADS
+        first_hit_rows(tree, arrays[0].data, d, rows, arrays[2].data, arrays[3].data);
+        Py_END_ALLOW_THREADS
+    } else {
+        PyErr_Format(PyExc_ValueError, "directions: row %zd is zero", row);
     }
-    while (held > 0) array_release(&arrays[--held]);
+    for (int i = 0; i < 4; i++) array_release(&arrays[i]);
+    return row == rows ? Py_NewRef(Py_None) : NULL;
+}
+
+static PyObject *self_intersections(PyObject *self, PyObject *args)
+{
+    (void)self;
+    PyObject *capsule;
+    long long limit;
+    if (!PyArg_ParseTuple(args, "OL", &capsule, &limit)) return NULL;
+    const Tree *tree = PyCapsule_GetPointer(capsule, CAPSULE);
+    if (!tree) return NULL;
+    PairList list = {.limit = limit};
+    Py_BEGIN_ALLOW_THREADS
+    find_pairs(tree, &list);
+    Py_END_ALLOW_THREADS
+    PyObject *result = list.failed ? PyErr_NoMemory()
+                                   : PyByteArray_FromStringAndSize((const char *)list.pairs,
+                                                                   (Py_ssize_t)(list.count * 2 * sizeof(int32_t)));
+    free(list.pairs);
     return result;
 }
 
 static PyMethodDef methods[] = {
     {"build", build, METH_VARARGS, "build(vertices, faces) -> capsule"},
     {"closest", closest, METH_VARARGS, "closest(tree, queries, points, faces, barycentric)"},
+    {"first_hit", first_hit, METH_VARARGS, "first_hit(tree, origins, directions, t, faces)"},
+    {"self_intersections", self_intersections, METH_VARARGS, "self_intersections(tree, limit) -> bytearray of int32"},
     {NULL, NULL, 0, NULL},
 };
 

@@ -132,59 +132,63 @@ INLINE Nearest closest_face(const Tree *tree, const double *q, int32_t first_lea
     return best;
 }
 
-/* Barycentric coordinates of the point of `face` closest to q. The interior solution is refined once from its residual:
- * the normal equations alone lose digits for slivers and for queries far from small faces. */
+/* Barycentric coordinates of the interior point over which q lies, or 0 when q lies over none. The solution is refined
+ * once from its residual: the normal equations alone lose digits for slivers and for queries far from small faces. */
+static int interior_weights(const Leaf *leaf, int lane, const double *q, double *weights, double *squared)
+{
+    double ab[3], ac[3], r[3], v = 0.0, w = 0.0;
+    if (!(leaf->over_area[lane] > 0.0)) return 0;
+    for (int k = 0; k < 3; k++) {
+        ab[k] = leaf->b[k][lane] - leaf->a[k][lane];
+        ac[k] = leaf->c[k][lane] - leaf->a[k][lane];
+        r[k] = q[k] - leaf->a[k][lane];
+    }
+    for (int round = 0; round < 2; round++) {
+        double on_ab = r[0] * ab[0] + r[1] * ab[1] + r[2] * ab[2], on_ac = r[0] * ac[0] + r[1] * ac[1] + r[2] * ac[2];
+        v += (leaf->ac_ac[lane] * on_ab - leaf->ab_ac[lane] * on_ac) * leaf->over_area[lane];
+        w += (leaf->ab_ab[lane] * on_ac - leaf->ab_ac[lane] * on_ab) * leaf->over_area[lane];
+        for (int k = 0; k < 3; k++) r[k] = q[k] - leaf->a[k][lane] - v * ab[k] - w * ac[k];
+    }
+    weights[0] = 1.0 - v - w;
+    weights[1] = v;
+    weights[2] = w;
+    *squared = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+    return v >= 0.0 && w >= 0.0 && weights[0] >= 0.0;
+}
+
+/* Barycentric coordinates of the point of `face` closest to q. Every corner begins one of the edges, where the parameter
+ * is exactly 0: corners get weights of exactly 0 and 1. */
 static void closest_barycentric(const Tree *tree, int32_t face, const double *q, double *weights)
 {
     const Leaf *leaf = &tree->leaves[tree->leaf_of[face]];
-    int i = 0;
-    while (leaf->face[i] != face) i++;
-    double ab[3], ac[3], bc[3], x[3], on_ab = 0, on_ac = 0;
+    int lane = 0, start = 0;
+    while (leaf->face[lane] != face) lane++;
+    const double over[3] = {leaf->over_ab[lane], leaf->over_bc[lane], leaf->over_ac[lane]};
+    double corners[3][3], least = INFINITY, share = 0.0, squared;
     for (int k = 0; k < 3; k++) {
-        ab[k] = leaf->b[k][i] - leaf->a[k][i];
-        ac[k] = leaf->c[k][i] - leaf->a[k][i];
-        bc[k] = leaf->c[k][i] - leaf->b[k][i];
-        x[k] = q[k] - leaf->a[k][i];
-        on_ab += x[k] * ab[k];
-        on_ac += x[k] * ac[k];
+        corners[0][k] = leaf->a[k][lane];
+        corners[1][k] = leaf->b[k][lane];
+        corners[2][k] = leaf->c[k][lane];
     }
-    double s = clamp01(on_ab * leaf->over_ab[i]), t = clamp01(on_ac * leaf->over_ac[i]);
-    double u = clamp01((on_ac - on_ab + leaf->ab_ab[i] - leaf->ab_ac[i]) * leaf->over_bc[i]);
-    double v = 0.0, w = 0.0;
-    if (leaf->over_area[i] > 0.0) {
-        for (int round = 0; round < 2; round++) {
-            double r_ab = 0, r_ac = 0;
-            for (int k = 0; k < 3; k++) {
-                double r = x[k] - v * ab[k] - w * ac[k];
-                r_ab += r * ab[k];
-                r_ac += r * ac[k];
-            }
-            v += (leaf->ac_ac[i] * r_ab - leaf->ab_ac[i] * r_ac) * leaf->over_area[i];
-            w += (leaf->ab_ab[i] * r_ac - leaf->ab_ac[i] * r_ab) * leaf->over_area[i];
+    for (int i = 0; i < 3; i++) {
+        const double *from = corners[i], *to = corners[(i + 1) % 3];
+        double along = 0.0, distance = 0.0;
+        for (int k = 0; k < 3; k++) along += (q[k] - from[k]) * (to[k] - from[k]);
+        double t = clamp01(along * over[i]);
+        for (int k = 0; k < 3; k++) {
+            double r = q[k] - from[k] - t * (to[k] - from[k]);
+            distance += r * r;
         }
-        if (v >= 0.0 && w >= 0.0 && v + w <= 1.0) {
-            weights[0] = 1.0 - v - w;
-            weights[1] = v;
-            weights[2] = w;
-            return;
+        if (i == 0 || distance < least) {
+            least = distance;
+            share = t;
+            start = i;
         }
     }
-    double d_ab = 0, d_ac = 0, d_bc = 0;
-    for (int k = 0; k < 3; k++) {
-        double r = x[k] - s * ab[k];
-        d_ab += r * r;
-        r = x[k] - t * ac[k];
-        d_ac += r * r;
-        r = q[k] - leaf->b[k][i] - u * bc[k];
-        d_bc += r * r;
-    }
-    if (d_ab <= d_ac && d_ab <= d_bc) {
-        weights[0] = 1.0 - s, weights[1] = s, weights[2] = 0.0;
-    } else if (d_ac <= d_bc) {
-        weights[0] = 1.0 - t, weights[1] = 0.0, weights[2] = t;
-    } else {
-        weights[0] = 0.0, weights[1] = 1.0 - u, weights[2] = u;
-    }
+    if (interior_weights(leaf, lane, q, weights, &squared) && squared < least) return;
+    weights[start] = 1.0 - share;
+    weights[(start + 1) % 3] = share;
+    weights[(start + 2) % 3] = 0.0;
 }
 
 /* The point with these weights, from the heaviest corner outwards: exact at corners, and precise far from the origin. */

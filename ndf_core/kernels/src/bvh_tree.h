@@ -64,6 +64,7 @@ typedef struct {
     double *scaled;    /* (vertex - center) * scale */
     int32_t *leaf_of;  /* face -> leaf */
     double center[3], scale;
+    double noise;      /* two units in the last place of the largest coordinate, scaled */
     int64_t vertex_count, face_count, node_count, leaf_count;
 } Tree;
 
@@ -346,6 +347,9 @@ static void choose_frame(Tree *tree)
         tree->center[k] = fabs(steps) < 4503599627370496.0 ? floor(steps) * grain : middle;
     }
     tree->scale = ldexp(1.0, -exponent);
+    double largest = 0.0;
+    for (int k = 0; k < 3; k++) largest = fmax(largest, fmax(fabs(low[k]), fabs(high[k])));
+    tree->noise = 2.0 * DBL_EPSILON * largest * tree->scale;
     for (int64_t i = 0; i < 3 * tree->vertex_count; i++)
         tree->scaled[i] = (tree->vertices[i] - tree->center[i % 3]) * tree->scale;
 }
