@@ -49,7 +49,9 @@ def json_option(command: Any) -> Any:
     return click.option("--json", "json_", is_flag=True, expose_value=False, help=text)(command)
 
 
-@click.group(cls=LazyGroup, name="ndf", context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup, name="ndf", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 118}
+)
 @click.option(
     "--version", is_flag=True, is_eager=True, expose_value=False, callback=_version, help="Show the version."
 )

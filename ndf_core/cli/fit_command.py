@@ -61,7 +61,8 @@ class FitCommand(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         plan: Plan = ctx.meta[PLAN]
-        _section(ctx, formatter, "Options", super().get_params(ctx))
+        mine = [param for param in super().get_params(ctx) if isinstance(param, click.Option)]
+        _section(ctx, formatter, "Options", mine)
         for group in plan.groups:
             _section(ctx, formatter, group.title, group.options)
         if plan.spec is None:

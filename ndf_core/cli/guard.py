@@ -6,7 +6,7 @@ import os
 import sys
 import traceback
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 
 import click
 
@@ -79,9 +79,9 @@ def _stdout(reserved: bool) -> Generator[int]:
     answer = os.dup(1)
     os.dup2(2, 1)
     try:
-        yield answer
+        with redirect_stdout(sys.stderr):  # Python's own prints: unbuffered, so in order
+            yield answer
     finally:
-        sys.stdout.flush()
         os.dup2(answer, 1)
         os.close(answer)
 

@@ -29,7 +29,7 @@ def check_output(path: Path, suffixes: Iterable[str], source: Path | None = None
             raise OutputError(f"{path}: there is no folder {folder}; create it first")
         if source is not None and path.exists() and source.exists() and path.samefile(source):
             raise OutputError(f"{path}: the output would replace the input; give it another name")
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}") from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
     if not os.access(folder, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: the folder {folder} is not writable")
