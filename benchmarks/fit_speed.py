@@ -1,0 +1,201 @@
+"""Seconds to the paper's accuracy: `--recipe paper` against `--recipe fast`, same surface, projector and kernels.
+
+The paper recipe runs once per shape and is cached in `benchmarks/results/fit_speed_paper_<shape>.json`; the fast one runs
+every time. Each clock counts the initialisation and the training, not the evaluations, and stops at the first
+evaluation whose two-sided rms is at or below the paper run's final one. CPU seconds are given beside wall seconds:
+with one thread they are the same work without the neighbours' noise.
+
+    python benchmarks/fit_speed.py ../shared/data/mesh/rocker-arm.obj ... [--threads 1] [--figure fit_speed.png]
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+import ndf_core
+from ndf_core.asset.base_mesh_codec import decode_base_mesh
+from ndf_core.base_mesh.quantise import encode_base_mesh
+from ndf_core.config.fit import FitConfig
+from ndf_core.config.resolve import Given, resolve_config
+from ndf_core.fitting.blocks import NumpyField
+from ndf_core.fitting.geometry import BaseGeometry
+from ndf_core.fitting.identity import initial_parameters
+from ndf_core.fitting.measure import measure
+from ndf_core.fitting.observer import Silent
+from ndf_core.fitting.projection import BoxProjector
+from ndf_core.fitting.trainer import Trainer
+from ndf_core.interfaces import Surface
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def base_mesh_of(surface: Surface, config: FitConfig) -> dict[str, Any]:
+    """The encoded base mesh as JSON, so that both recipes and later runs start from the same one."""
+    encoded = encode_base_mesh(surface.base_mesh.extract(config.faces, config.seed))
+    return {
+        "vertices": len(encoded.vertices),
+        "faces": len(encoded.faces),
+        "center": encoded.center.tolist(),
+        "scale": encoded.scale,
+        "blob": base64.b64encode(encoded.blob).decode(),
+    }
+
+
+def run(path: Path, config: FitConfig, evaluations: int, samples: int, base: dict[str, Any] | None) -> dict[str, Any]:
+    """Fit once, stopping the clock for evaluations; their steps are spread so that the early ones are dense."""
+    torch.set_num_threads(config.threads)
+    surface = ndf_core.open(path)
+    base = base or base_mesh_of(surface, config)
+    vertices, faces = decode_base_mesh(base64.b64decode(base["blob"]), base["vertices"], base["faces"])
+    center, scale = np.array(base["center"]), float(base["scale"])
+    geometry = BaseGeometry(vertices, faces)
+    projector = BoxProjector(surface.projector, center, scale)
+    wall, cpu = time.perf_counter(), time.process_time()
+    parameters = initial_parameters(geometry, config)
+    trainer = Trainer(parameters, geometry, projector, config, Silent())
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    initialise = wall
+    curve: list[dict[str, float]] = []
+    field = NumpyField(parameters, geometry)
+    marks = sorted(
+        {round(config.steps * (i / evaluations) ** 1.5) for i in range(1, evaluations + 1)} | {config.steps}
+    )
+    for mark in marks:
+        wall_start, cpu_start = time.perf_counter(), time.process_time()
+        trainer.run(mark, save=lambda: None)
+        wall += time.perf_counter() - wall_start
+        cpu += time.process_time() - cpu_start
+        accuracy = measure(
+            field.map, len(faces), surface, center, scale, field.base, field.inverse, samples=samples, seed=1, threads=config.threads,
+        )  # fmt: skip
+        backward = accuracy.surface_to_field
+        curve.append(
+            {
+                "step": mark,
+                "samples": mark * config.batch,
+                "seconds": wall,
+                "cpu_seconds": cpu,
+                "field_to_surface_rms": accuracy.field_to_surface.rms,
+                "surface_to_field_rms": backward.rms if backward else float("nan"),
+                "two_sided_rms": accuracy.two_sided_rms,
+                "cycle_loss": accuracy.cycle_loss or 0.0,
+                "folded_area": accuracy.folded_area,
+            }
+        )
+        print(
+            f"  {config.recipe} {path.stem}",
+            json.dumps({k: float(f"{v:.4g}") for k, v in curve[-1].items()}),
+            flush=True,
+        )
+    return {
+        "file": path.name,
+        "recipe": config.recipe,
+        "threads": config.threads,
+        "base_mesh": base,
+        "initialise_seconds": initialise,
+        "samples_per_second": config.steps * config.batch / (wall - initialise),
+        "samples_per_cpu_second": config.steps * config.batch / (cpu - initialise),
+        "config": config.model_dump(),
+        "curve": curve,
+    }
+
+
+def configure(recipe: str, options: dict[str, Any]) -> FitConfig:
+    """The recipe with some options set; strings are converted."""
+    return resolve_config(given=Given(fit={"recipe": recipe, **options})).fit.config
+
+
+def first_at(curve: list[dict[str, float]], target: float) -> dict[str, float] | None:
+    """First evaluation at or below the target."""
+    return next((point for point in curve if point["two_sided_rms"] <= target), None)
+
+
+def compare(paper: dict[str, Any], fast: dict[str, Any]) -> dict[str, Any]:
+    """Both clocks at the paper run's final two-sided rms."""
+    target = paper["curve"][-1]["two_sided_rms"]
+    theirs, ours = first_at(paper["curve"], target), first_at(fast["curve"], target)
+    result: dict[str, Any] = {"file": paper["file"], "target_two_sided_rms": target, "paper": theirs, "fast": ours}
+    if theirs and ours:
+        result["ratio"] = theirs["seconds"] / ours["seconds"]
+        result["ratio_cpu"] = theirs["cpu_seconds"] / ours["cpu_seconds"]
+        result["ratio_samples"] = theirs["samples"] / ours["samples"]
+    result["paper_samples_per_second"] = paper["samples_per_second"]
+    return result
+
+
+def figure(pairs: list[tuple[dict[str, Any], dict[str, Any]]], path: Path) -> None:
+    """Error against seconds and against samples, one column per shape."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    _, axes = plt.subplots(2, len(pairs), figsize=(4.2 * len(pairs), 7), squeeze=False)
+    for column, (paper, fast) in enumerate(pairs):
+        target = paper["curve"][-1]["two_sided_rms"]
+        for row, key in enumerate(("seconds", "samples")):
+            axis = axes[row][column]
+            for result, colour in ((paper, "tab:gray"), (fast, "tab:blue")):
+                xs, ys = zip(*[(p[key], p["two_sided_rms"]) for p in result["curve"]], strict=True)
+                axis.loglog(xs, ys, "o-", ms=3, color=colour, label=result["recipe"])
+            axis.axhline(target, color="tab:gray", lw=0.6, ls=":")
+            axis.set_xlabel(f"training {key}, {paper['threads']} thread(s)" if key == "seconds" else "samples")
+        axes[0][column].set_title(Path(paper["file"]).stem)
+    axes[0][0].set_ylabel("two-sided rms / longest side")
+    axes[1][0].set_ylabel("two-sided rms / longest side")
+    axes[0][0].legend()
+    plt.tight_layout()
+    plt.savefig(path, dpi=130)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("inputs", type=Path, nargs="+")
+    parser.add_argument("--faces", type=int, default=2000)
+    parser.add_argument("--feature-dim", type=int, default=16)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--samples", type=int, default=50_000)
+    parser.add_argument("--paper-only", action="store_true", help="fill the cache and stop")
+    parser.add_argument(
+        "--set", nargs="*", default=[], metavar="KEY=VALUE", help="options of the fast recipe to change"
+    )
+    parser.add_argument("--figure", type=Path, default=RESULTS / "fit_speed.png")
+    parser.add_argument("--output", type=Path, default=RESULTS / "fit_speed.json")
+    arguments = parser.parse_args()
+    common = {"faces": arguments.faces, "feature_dim": arguments.feature_dim, "threads": arguments.threads}
+    pairs: list[tuple[dict[str, Any], dict[str, Any]]] = []
+    for path in arguments.inputs:
+        cache = RESULTS / f"fit_speed_paper_{path.stem}.json"
+        if cache.exists():
+            paper = json.loads(cache.read_text())
+        else:
+            paper = run(path, configure("paper", common), evaluations=40, samples=arguments.samples, base=None)
+            cache.write_text(json.dumps(paper, indent=1))
+        if not arguments.paper_only:
+            changes = dict(item.split("=", 1) for item in arguments.set)
+            fast = run(
+                path,
+                configure("fast", {**common, **changes}),
+                evaluations=30,
+                samples=arguments.samples,
+                base=paper["base_mesh"],
+            )
+            pairs.append((paper, fast))
+            print(json.dumps(compare(paper, fast), indent=1), flush=True)
+    if pairs:
+        arguments.output.write_text(
+            json.dumps({"summary": [compare(*pair) for pair in pairs], "fast": [f for _, f in pairs]}, indent=1)
+        )
+        figure(pairs, arguments.figure)
+
+
+if __name__ == "__main__":
+    main()

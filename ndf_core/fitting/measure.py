@@ -1,0 +1,177 @@
+"""Two-sided error of a field against its surface, measured with fresh samples spread evenly by area."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from ndf_core.fitting.projection import BoxProjector
+from ndf_core.interfaces import Surface
+from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.mesh import face_normals
+
+Map = Callable[[Int[Array, " n"], Float[Array, "n 3"]], Float[Array, "n 3"]]
+"""(faces, barycentric) -> mapped points in the box frame."""
+Inverse = Callable[[Float[Array, "n 3"]], Float[Array, "n 3"]]
+
+_TRIANGLES = 500_000
+"""Size of the mesh that stands for the mapped surface; its chords are off by a few 1e-6 of the longest side."""
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Statistics of distances, as shares of the longest side of the base mesh."""
+
+    rms: float
+    mean: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Error of a field. Lengths are shares of the longest side."""
+
+    field_to_surface: Distance
+    surface_to_field: Distance | None
+    """None where the surface cannot be sampled."""
+    cycle_loss: float | None
+    """Mean of |inverse(g(x)) - x|^2 in the box frame (Sec. 3.2); None without an inverse network."""
+    folded_area: float
+    """Share of the mapped area that faces against the surface's normal at its projection."""
+    converged: float
+    """Share of the samples that could be projected."""
+    samples: int
+
+    @property
+    def two_sided_rms(self) -> float:
+        """The larger of the two directions' rms."""
+        other = self.surface_to_field
+        return max(self.field_to_surface.rms, other.rms) if other else self.field_to_surface.rms
+
+    def as_dict(self) -> dict[str, object]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class DenseMap:
+    """A fine triangulation of the mapped surface, with the base points of its vertices. Box frame."""
+
+    vertices: Float[Array, "m 3"]
+    triangles: Int[Array, "t 3"]
+    base_faces: Int[Array, " m"]
+    barycentric: Float[Array, "m 3"]
+
+
+def dense_map(face_count: int, mapping: Map, triangles: int = _TRIANGLES) -> DenseMap:
+    """Every base face cut into k^2 similar triangles and mapped, with k such that about `triangles` come out."""
+    k = max(1, round((triangles / face_count) ** 0.5))
+    row, column = np.array([(i, j) for i in range(k + 1) for j in range(k + 1 - i)]).T
+    local = np.stack([k - row - column, column, row], axis=1) / k
+    index = np.full((k + 2, k + 2), -1)
+    index[row, column] = np.arange(len(row))
+    up = [(index[i, j], index[i, j + 1], index[i + 1, j]) for i in range(k) for j in range(k - i)]
+    down = [(index[i, j + 1], index[i + 1, j + 1], index[i + 1, j]) for i in range(k) for j in range(k - i - 1)]
+    cells = np.array(up + down)
+    faces = np.repeat(np.arange(face_count, dtype=np.int32), len(local))
+    barycentric = np.tile(local, (face_count, 1))
+    tiled = (cells[None] + len(local) * np.arange(face_count)[:, None, None]).reshape(-1, 3).astype(np.int32)
+    return DenseMap(mapping(faces, barycentric).astype(np.float64), tiled, faces, barycentric)
+
+
+def measure(
+    mapping: Map,
+    face_count: int,
+    surface: Surface,
+    center: Float[Array, "3"],
+    scale: float,
+    base_positions: Map,
+    inverse: Inverse | None = None,
+    samples: int = 100_000,
+    seed: int = 0,
+    threads: int = 1,
+) -> Accuracy:
+    """Measure a field with fresh samples, in both directions.
+
+    Args:
+        mapping: the field g, box frame.
+        face_count: faces of the base mesh.
+        surface: what the field was fitted to, input units.
+        center, scale: x_input = x_box * scale + center.
+        base_positions: base points themselves, box frame (for the cycle loss).
+        inverse: the inverse network, box frame.
+        samples: number of samples on each side.
+        seed: of the samples.
+        threads: for the closest points.
+    """
+    dense = dense_map(face_count, mapping)
+    rng = np.random.default_rng(seed)
+    faces, barycentric, normals = _even_samples(dense, samples, rng)
+    mapped = mapping(faces, barycentric).astype(np.float64)
+    projector = BoxProjector(surface.projector, center, scale)
+    directions = torch.from_numpy(normals) if projector.needs_directions else None
+    projection = projector.project(torch.from_numpy(mapped), directions)
+    converged = projection.converged.numpy()
+    distance = np.linalg.norm(mapped - projection.points.numpy(), axis=1)[converged]
+    folded = 0.0
+    if projection.normals is not None and len(distance):
+        folded = float(((normals * projection.normals.numpy()).sum(1)[converged] < 0).mean())
+    cycle = None
+    if inverse is not None:
+        cycle = float(((inverse(mapped) - base_positions(faces, barycentric)) ** 2).sum(1).mean())
+    return Accuracy(
+        field_to_surface=_statistics(distance),
+        surface_to_field=_surface_to_field(dense, surface, center, scale, samples, rng, threads),
+        cycle_loss=cycle,
+        folded_area=folded,
+        converged=float(converged.mean()),
+        samples=samples,
+    )
+
+
+def _even_samples(
+    dense: DenseMap, count: int, rng: np.random.Generator
+) -> tuple[Int[Array, " n"], Float[Array, "n 3"], Float[Array, "n 3"]]:
+    """Base points even by area on the mapped surface, and the unit normals of the mapped triangles they lie in."""
+    area_vectors = face_normals(dense.vertices, dense.triangles)
+    areas = np.linalg.norm(area_vectors, axis=1)
+    chosen = rng.choice(len(areas), count, p=areas / areas.sum())
+    root, along = np.sqrt(rng.random(count)), rng.random(count)
+    local = np.stack([1 - root, root * (1 - along), root * along], axis=1)
+    barycentric = np.einsum("nc,ncb->nb", local, dense.barycentric[dense.triangles[chosen]])
+    unit = area_vectors[chosen] / areas[chosen][:, None]
+    return dense.base_faces[dense.triangles[chosen, 0]], barycentric, unit
+
+
+def _surface_to_field(
+    dense: DenseMap,
+    surface: Surface,
+    center: Float[Array, "3"],
+    scale: float,
+    samples: int,
+    rng: np.random.Generator,
+    threads: int,
+) -> Distance | None:
+    if surface.sample is None:
+        return None
+    points = (surface.sample(samples, rng)[0] - center) / scale
+    closest = TriangleBVH(dense.vertices, dense.triangles).closest(points, threads)[0]
+    return _statistics(np.linalg.norm(points - closest, axis=1))
+
+
+def _statistics(distance: Float[Array, " n"]) -> Distance:
+    """Statistics of box-frame distances, as shares of the longest side, which is 3 there."""
+    if not len(distance):
+        return Distance(np.inf, np.inf, np.inf, np.inf)
+    share = distance / 3.0
+    return Distance(
+        rms=float(np.sqrt((share**2).mean())),
+        mean=float(share.mean()),
+        p99=float(np.quantile(share, 0.99)),
+        max=float(share.max()),
+    )

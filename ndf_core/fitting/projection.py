@@ -1,0 +1,47 @@
+"""A plugin's projector seen from the box frame, with what did not converge left out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+from torch import Tensor
+
+from ndf_core.interfaces import Projector
+
+
+class BoxProjection(NamedTuple):
+    """Projections in the box frame; rows that did not converge repeat the query point, so their residual is zero."""
+
+    points: Float[Tensor, "n 3"]
+    converged: Bool[Tensor, " n"]
+    normals: Float[Tensor, "n 3"] | None
+
+
+class BoxProjector:
+    """Maps box-frame points to input units, projects, and maps back (App. A.1).
+
+    The plugin gets float64 points in input units, whatever their offset; the residual is formed in float64 before it
+    is rounded to the box frame's float32.
+    """
+
+    def __init__(self, projector: Projector, center: Float[Array, "3"], scale: float) -> None:
+        self._projector = projector
+        self._center = torch.as_tensor(center, dtype=torch.float64)
+        self._scale = scale
+        self.needs_directions = projector.needs_directions
+
+    def project(self, points: Float[Tensor, "n 3"], directions: Float[Tensor, "n 3"] | None = None) -> BoxProjection:
+        """Project float32 box-frame points; the answer is a constant of the loss (no gradient).
+
+        Reference: Sec. 3.2, eq. projection.
+        """
+        center = self._center.to(points.device)
+        query = points.detach().double() * self._scale + center
+        answer = self._projector.project(query, None if directions is None else directions.double())
+        found = ((answer.points - center) / self._scale).float()
+        converged = answer.converged & torch.isfinite(found).all(dim=1)
+        found = torch.where(converged[:, None], found, points.detach())
+        return BoxProjection(found, converged, None if answer.normals is None else answer.normals.float())

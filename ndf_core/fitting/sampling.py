@@ -1,0 +1,93 @@
+"""Base points for training, drawn evenly over the mapped surface; each draw is a function of (seed, step) alone."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from ndf_core.fitting.geometry import BaseGeometry, mapped_frame
+from ndf_core.fitting.network import Parameters, displace, interpolate
+from ndf_core.fitting.step import Batch
+
+_GOLDEN = 0x9E3779B97F4A7C15
+
+
+def generator_at(seed: int, step: int) -> torch.Generator:
+    """A generator whose stream depends on (seed, step) alone, so that a resumed run draws what the first one drew."""
+    mixed = (seed * _GOLDEN + step + 1) % 2**64
+    mixed = ((mixed ^ (mixed >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
+    mixed = ((mixed ^ (mixed >> 27)) * 0x94D049BB133111EB) % 2**64
+    return torch.Generator().manual_seed((mixed ^ (mixed >> 31)) % 2**63)
+
+
+class BasePoints:
+    """Faces and barycentric weights of a batch."""
+
+    def __init__(self, geometry: BaseGeometry, face: Int[Tensor, " n"], barycentric: Float[Tensor, "n 3"]) -> None:
+        self.face = face
+        self.barycentric = barycentric
+        self.batch = Batch(geometry.faces[face], barycentric, geometry.positions(face, barycentric))
+
+
+def stratified(
+    geometry: BaseGeometry, density: Float[Tensor, " f"], count: int, generator: torch.Generator
+) -> BasePoints:
+    """`count` base points, each face holding its share of `density` to within one point (systematic sampling).
+
+    The points come sorted by face, which keeps the gather of vertex features in cache.
+    """
+    cumulative = torch.cumsum(density.double().cpu(), 0)
+    ticks = (
+        torch.arange(count, dtype=torch.float64) + torch.rand(count, generator=generator, dtype=torch.float64)
+    ) / count
+    face = torch.searchsorted(cumulative, ticks * cumulative[-1]).clamp_max(len(density) - 1)
+    return BasePoints(geometry, face.to(geometry.device), _barycentric(count, generator).to(geometry.device))
+
+
+def by_rejection(
+    geometry: BaseGeometry, parameters: Parameters, count: int, generator: torch.Generator
+) -> BasePoints:
+    """`count` base points with density proportional to |det J_f|, by rejection from the uniform density.
+
+    Reference: Sec. 3.2 (the loss is an integral over the mapped surface).
+    """
+    faces: list[Tensor] = []
+    weights: list[Tensor] = []
+    found, ceiling = 0, 0.0
+    while found < count:
+        candidate = torch.multinomial(geometry.areas.cpu(), count, replacement=True, generator=generator)
+        barycentric = _barycentric(count, generator)
+        candidate, barycentric = candidate.to(geometry.device), barycentric.to(geometry.device)
+        ratio = mapped_frame(parameters, geometry, candidate, barycentric).area_ratio
+        # The ceiling is the largest ratio seen: a later, larger one would only mean a slightly too even density.
+        ceiling = max(ceiling, float(ratio.max()), 1e-30)
+        keep = torch.rand(count, generator=generator).to(ratio.device) * ceiling < ratio
+        faces.append(candidate[keep])
+        weights.append(barycentric[keep])
+        found += int(keep.sum())
+    face, barycentric = torch.cat(faces)[:count], torch.cat(weights)[:count]
+    order = torch.argsort(face, stable=True)
+    return BasePoints(geometry, face[order], barycentric[order])
+
+
+def mapped_areas(geometry: BaseGeometry, parameters: Parameters) -> Float[Tensor, " f"]:
+    """Area of every face on the mapped surface, from its four midpoint triangles (box frame)."""
+    mids = torch.tensor(
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]], device=geometry.device
+    )
+    count = len(geometry.faces)
+    face = torch.arange(count, device=geometry.device).repeat_interleave(6)
+    barycentric = mids.repeat(count, 1)
+    features = interpolate(parameters.features, geometry.faces[face], barycentric)
+    points = displace(parameters, geometry.positions(face, barycentric), features).view(count, 6, 3)
+    small = points[:, torch.tensor([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])]
+    sides = small[:, :, 1:] - small[:, :, :1]
+    return torch.linalg.vector_norm(torch.linalg.cross(sides[:, :, 0], sides[:, :, 1]), dim=-1).sum(1) / 2
+
+
+def _barycentric(count: int, generator: torch.Generator) -> Float[Tensor, "n 3"]:
+    """Uniform points of the triangle: a square root turns two uniform numbers into barycentric weights."""
+    root = torch.rand(count, generator=generator).sqrt_()
+    along = torch.rand(count, generator=generator)
+    return torch.stack([1 - root, root * (1 - along), root * along], dim=1)

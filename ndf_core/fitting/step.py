@@ -1,0 +1,139 @@
+"""Value and gradient of the projection and cycle losses, written out by hand: the hot loop of fitting.
+
+Autograd computes the same numbers (`network.displace` and `network.invert` are the reference that the tests compare
+with), but allocates and faults in several megabytes for every activation; here every buffer is reused, the first
+layer's input gradient is taken for the features alone, and relu works in place. The same code runs on CUDA.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from ndf_core.fitting.network import NetworkShape, Parameters, frequency_matrix
+
+
+class Batch(NamedTuple):
+    """Base points, box frame."""
+
+    corners: Int[Tensor, "n 3"]
+    """Vertex indices of each point's face."""
+    barycentric: Float[Tensor, "n 3"]
+    positions: Float[Tensor, "n 3"]
+
+
+class FusedStep:
+    """Forward and backward pass for batches of one size. Not re-entrant: one instance per thread."""
+
+    def __init__(
+        self, shape: NetworkShape, batch: int, cycle_stride: int, device: torch.device | str = "cpu"
+    ) -> None:
+        self.shape = shape
+        cycle_batch = -(-batch // cycle_stride)
+        self.gradient = Parameters.zeros(shape, device)
+        self.mapped = torch.empty(batch, 3, device=device)
+        self._matrix, self._phase = frequency_matrix(shape.encoding, device)
+        self._forward = _Pass(shape, "forward", shape.feature_dim, batch, device)
+        self._inverse = _Pass(shape, "inverse", 0, cycle_batch, device)
+        self._corner_rows = torch.empty(3 * batch, shape.feature_dim, device=device)
+        self._cycle_stride = cycle_stride
+        self._cosines = torch.empty(cycle_batch, 6 * shape.encoding.levels, device=device)
+
+    def map(self, parameters: Parameters, batch: Batch) -> Float[Tensor, "n 3"]:
+        """g(x) of the whole batch; keeps the activations for `backward`."""
+        encoding = self.shape.encoding
+        inputs = self._forward.inputs
+        if encoding.include_position:
+            inputs[:, :3] = batch.positions
+        waves = inputs[:, encoding.width - 6 * encoding.levels : encoding.width]
+        torch.addmm(self._phase, batch.positions, self._matrix, out=waves)
+        waves.sin_()
+        if self.shape.feature_dim:
+            torch.index_select(parameters.features, 0, batch.corners.view(-1), out=self._corner_rows)
+            corners = self._corner_rows.view(-1, 3, self.shape.feature_dim)
+            torch.bmm(batch.barycentric[:, None, :], corners, out=inputs[:, None, encoding.width :])
+        torch.add(batch.positions, self._forward.run(parameters), out=self.mapped)
+        return self.mapped
+
+    def backward(
+        self,
+        parameters: Parameters,
+        batch: Batch,
+        output_gradient: Float[Tensor, "n 3"],
+        cycle_weight: float,
+    ) -> Float[Tensor, ""]:
+        """Add the cycle loss's gradient to `output_gradient` (dL/dg), then fill `gradient`; returns the cycle loss.
+
+        The cycle loss is taken on every `cycle_stride`-th row (batches come sorted by face). Call `map` first.
+        """
+        self.gradient.flat.zero_()
+        loss = self._cycle(parameters, batch.positions, output_gradient, cycle_weight)
+        into_features = self._forward.pull_back(parameters, self.gradient, output_gradient, self.shape.encoding.width)
+        if self.shape.feature_dim:
+            spread = self._corner_rows.view(-1, 3, self.shape.feature_dim)
+            torch.mul(batch.barycentric[:, :, None], into_features[:, None, :], out=spread)
+            self.gradient.features.index_add_(0, batch.corners.view(-1), self._corner_rows)
+        return loss
+
+    def _cycle(self, parameters: Parameters, positions: Tensor, output_gradient: Tensor, weight: float) -> Tensor:
+        stride = self._cycle_stride
+        encoding = self.shape.encoding
+        first = encoding.width - 6 * encoding.levels
+        mapped, inputs = self.mapped[::stride], self._inverse.inputs
+        count = len(mapped)
+        inputs[:, :first] = mapped[:, :first]
+        torch.addmm(self._phase, mapped, self._matrix, out=self._cosines)
+        torch.sin(self._cosines, out=inputs[:, first:])
+        self._cosines.cos_()
+        residual = self._inverse.run(parameters) + mapped - positions[::stride]
+        loss = residual.square().sum() / count
+        residual.mul_(2.0 * weight / count)
+        into_inputs = self._inverse.pull_back(parameters, self.gradient, residual, 0)
+        into_waves = into_inputs[:, first:].mul_(self._cosines)
+        target = output_gradient[::stride]
+        target.addmm_(into_waves, self._matrix.t())
+        target.add_(residual)
+        if first:
+            target.add_(into_inputs[:, :first])
+        return loss
+
+
+class _Pass:
+    """Activations of one network for one batch size."""
+
+    def __init__(self, shape: NetworkShape, network: str, feature_dim: int, batch: int, device: torch.device | str):
+        self.network = network
+        sizes = shape.layer_sizes(feature_dim)
+        self.inputs = torch.empty(batch, sizes[0][1], device=device)
+        self.outputs = [torch.empty(batch, out, device=device) for out, _ in sizes]
+        self.back = [torch.empty(batch, into, device=device) for _, into in sizes]
+
+    def run(self, parameters: Parameters) -> Tensor:
+        below = self.inputs
+        layers = parameters.layers(self.network)
+        for index, ((weight, bias), out) in enumerate(zip(layers, self.outputs, strict=True)):
+            torch.addmm(bias, below, weight.t(), out=out)
+            if index + 1 < len(layers):
+                out.relu_()
+            below = out
+        return below
+
+    def pull_back(self, parameters: Parameters, gradient: Parameters, above: Tensor, first_column: int) -> Tensor:
+        """Fill this network's gradient; return dL/d inputs[:, first_column:]."""
+        layers = parameters.layers(self.network)
+        slots = gradient.layers(self.network)
+        for index in reversed(range(len(layers))):
+            below = self.outputs[index - 1] if index else self.inputs
+            torch.mm(above.t(), below, out=slots[index][0])
+            torch.sum(above, 0, out=slots[index][1])
+            weight = layers[index][0] if index else layers[0][0][:, first_column:]
+            into = self.back[index] if index else self.back[0][:, first_column:]
+            torch.mm(above, weight, out=into)
+            if index:
+                # relu's derivative from its output, in place: zero where the unit is off.
+                torch.ops.aten.threshold_backward(into, below, 0.0, grad_input=into)
+            above = into
+        return above
