@@ -117,7 +117,7 @@ def install_torch() -> None:
 
 def pip(command: str):
     words = [str(venv_python()), "-m", "pip", "--disable-pip-version-check", command]
-    return words if command == "index" else [*words, "--quiet", "--constraint", str(CONSTRAINTS)]
+    return words if command == "index" else [*words, "-qq", "--no-input", "--constraint", str(CONSTRAINTS)]
 
 
 def venv_python() -> Path:
