@@ -15,6 +15,8 @@ from ndf_core.cli.result import Interrupted, Result, as_json
 from ndf_core.errors import NdfError
 
 INTERNAL, USAGE, BAD, INTERRUPTED = 1, 2, 3, 130
+FIT_PACKAGES = ("torch", "scipy", "igl", "rich", "safetensors")
+"""What the light client lacks."""
 
 
 def run(arguments: list[str]) -> int:
@@ -52,6 +54,8 @@ def _explain(error: Exception) -> tuple[str, int]:
             return str(error), INTERRUPTED
         case click.Abort():  # click's name for KeyboardInterrupt
             return "interrupted", INTERRUPTED
+        case ModuleNotFoundError() if error.name in FIT_PACKAGES:
+            return f"this needs {error.name}, which is not installed: pip install 'ndf-core[fit]'", BAD
         case MemoryError():
             return "out of memory: ask for fewer faces, or a longer edge length", BAD
         case OSError():

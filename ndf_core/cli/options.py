@@ -34,8 +34,8 @@ class OptionGroup:
 
     def given(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """What the user gave, by dotted key."""
-        found = {leaf: parameters.get(name) for name, leaf in self.leaves.items()}
-        return {leaf.key: _value(text, leaf.info.annotation) for leaf, text in found.items() if text is not None}
+        found = [(leaf, parameters.get(name)) for name, leaf in self.leaves.items()]
+        return {leaf.key: _value(text, leaf.info.annotation) for leaf, text in found if text is not None}
 
     def spell(self, key: str) -> str:
         return self.spelled.get(key, key)

@@ -179,6 +179,7 @@ def test_debug_shows_the_traceback_where_it_is_wanted(
         (FitError("the losses are not finite"), 3, "error: the losses are not finite"),
         (OSError(28, "No space left on device", "out.ndf"), 3, "error: out.ndf: No space left on device"),
         (MemoryError(), 3, "error: out of memory"),
+        (ModuleNotFoundError("No", name="torch"), 3, "error: this needs torch, which is not installed: pip install"),
         (AttributeError("oops"), 1, "error: a fault of ndf itself, please report it: AttributeError: oops"),
     ],
 )

@@ -1,0 +1,73 @@
+"""The wheel of ndf-core alone, with nothing but its light dependencies, in a virtual environment of its own."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SOURCES = ("ndf_core", "pyproject.toml", "setup.py", "README.md", "LICENSE")
+HEAVY = ("torch", "scipy", "igl", "open3d", "trimesh", "rich", "skimage")
+
+pytestmark = pytest.mark.slow
+
+
+def run(*command: str | Path) -> str:
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from a copy, so that no build product lands in the repository or comes from it."""
+    copy, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
+    products = shutil.ignore_patterns("*.so", "__pycache__")
+    for name in SOURCES:
+        source = REPOSITORY / name
+        if source.is_dir():
+            shutil.copytree(source, copy / name, ignore=products)
+        else:
+            shutil.copy(source, copy / name)
+    run(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", out, copy)
+    (built,) = out.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def client(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of executables of an environment with the wheel in it."""
+    folder = tmp_path_factory.mktemp("client")
+    venv.create(folder, with_pip=True)
+    run(folder / "bin" / "python", "-m", "pip", "install", "--quiet", wheel)
+    return folder / "bin"
+
+
+def test_the_wheel_holds_kernels_and_recipes_and_serves_every_later_python(wheel: Path) -> None:
+    assert "-cp311-abi3-" in wheel.name
+    names = zipfile.ZipFile(wheel).namelist()
+    for source in (REPOSITORY / "ndf_core" / "kernels" / "src").glob("*.c"):
+        assert any(name.startswith(f"ndf_core/kernels/_{source.stem}.abi3") for name in names), source.stem
+    assert {"ndf_core/config/recipes/fast.toml", "ndf_core/config/recipes/paper.toml", "ndf_core/py.typed"} <= {
+        *names
+    }
+    assert {name.partition("/")[0] for name in names if "dist-info" not in name} == {"ndf_core"}
+
+
+def test_the_light_client_has_nothing_heavy_and_says_what_it_lacks(client: Path, tmp_path: Path) -> None:
+    code = f"import importlib.util as u; print([n for n in {HEAVY!r} if u.find_spec(n)])"
+    assert run(client / "python", "-c", code).strip() == "[]"
+    assert json.loads(run(client / "ndf", "plugins", "--check", "--json")) == []
+    (tmp_path / "x.obj").write_text("v 0 0 0\n")
+    fit = subprocess.run(
+        [client / "ndf", "fit", tmp_path / "x.obj", "-o", tmp_path / "x.ndf"], capture_output=True, text=True
+    )
+    assert fit.returncode == 2
+    assert "pip install ndf-plugin-sdf" in fit.stderr
