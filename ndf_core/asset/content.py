@@ -36,7 +36,7 @@ def values_of(array: Stored) -> Float[Array, "..."]:
 
 @dataclass(frozen=True)
 class Encoding:
-    """Periodic encoding of a position x in the box frame (Sec. 3.3): [x], then sin and cos of 2^k * base_frequency * x.
+    """Periodic encoding of a position x in the box frame (Sec. 3.3): [x], then sin and cos of 2^k base_frequency x.
 
     Order of the columns: x (3) if `include_position`; then for k = 0 .. levels-1: sin of the three coordinates,
     cos of the three coordinates.

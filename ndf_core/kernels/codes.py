@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 from numpy import ndarray as Array
 
-from ndf_core.kernels import _codes
+from ndf_core.kernels import _codes  # pyright: ignore[reportAttributeAccessIssue]  # compiled, no stub
 
 
 def encode_codes(arrays: Sequence[Int[Array, "rows columns"]]) -> bytes:

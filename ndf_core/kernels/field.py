@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ndf_core.kernels import _field
+from ndf_core.kernels import _field  # pyright: ignore[reportAttributeAccessIssue]  # compiled, no stub
 
 _SLICE = 4096
 """Fewest rows that are worth a thread of their own."""
