@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import click
@@ -31,7 +32,7 @@ def command(asset: Path, output: Path, edge_length: float | None) -> Result:
     if edge_length is not None and not (math.isfinite(edge_length) and edge_length > 0):
         raise ConfigError(f"--edge-length {edge_length:g}: must be a positive length in the units of the input")
     check_output(output, SUFFIXES, asset)
-    mesh = Asset.load(asset).extract(edge_length)
+    mesh = Asset.load(asset).extract(edge_length, threads=os.cpu_count() or 1)
     write_mesh(output, mesh.vertices, mesh.faces)
     report = {
         "vertices": len(mesh.vertices),

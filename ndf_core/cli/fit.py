@@ -61,7 +61,7 @@ def command(
     if surface.training_defaults != spec.training_defaults:
         resolved = resolve_config(spec, given, file=plan.file, training_defaults=surface.training_defaults)
     if not quiet:
-        _say(*surface.notes)
+        _say(*surface.notes, *_overwritten(output, resume))
     report = _run(surface, resolved.fit.config, output, resume, quiet, ctx.obj)
     return Result(report, f"{output}\n{as_lines(report, '  ')}")
 
@@ -80,8 +80,19 @@ def _run(
         raise Interrupted(_how_to_resume(output, arguments)) from None
 
 
+def _overwritten(output: Path, resume: bool) -> list[str]:
+    if resume or not _checkpoint(output).exists():
+        return []
+    return [f"{_checkpoint(output)}: left by an interrupted run; this one starts anew (--resume would go on)"]
+
+
+def _checkpoint(output: Path) -> Path:
+    """Where `ndf_core.fitting` keeps it."""
+    return Path(f"{output}.checkpoint")
+
+
 def _how_to_resume(output: Path, arguments: Sequence[str]) -> str:
-    if not Path(f"{output}.checkpoint").exists():
+    if not _checkpoint(output).exists():
         return "interrupted before the first checkpoint; nothing is left behind"
     words = [*arguments, *([] if "--resume" in arguments else ["--resume"])]
     return f"interrupted; go on with: {shlex.join(['ndf', *words])}"

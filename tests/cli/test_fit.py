@@ -219,6 +219,11 @@ def test_an_interrupt_says_how_to_go_on(
     pipeline.then = leave_a_checkpoint
     assert main(["fit", blob, "-o", asset]) == 130
     assert f"interrupted; go on with: ndf fit {blob} -o {asset} --resume" in capfd.readouterr().err
+    pipeline.then = lambda output: None
+    assert main(["fit", blob, "-o", asset]) == 0
+    assert f"{asset}.checkpoint: left by an interrupted run" in capfd.readouterr().err
+    assert main(["fit", blob, "-o", asset, "--resume"]) == 0
+    assert "left by an interrupted run" not in capfd.readouterr().err
 
 
 def test_help_shows_the_plugins_options_bounds_and_effective_defaults(
