@@ -1,0 +1,1 @@
+"""Plugin of ndf: surfaces that are zero sets of signed distance fields."""

@@ -1,0 +1,102 @@
+"""GLB (glTF 2.0, binary): the triangles of the scene, with the transforms of its nodes applied.
+
+Only the file's own binary chunk is read; nothing that it refers to by a URI, no textures, no animation.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from ndf_plugin_sdf.readers.gltf_accessor import Buffer, read_accessor
+from ndf_plugin_sdf.readers.gltf_scene import placed_meshes
+from ndf_plugin_sdf.readers.polygons import RawMesh, strip_triangles
+
+_JSON, _BINARY = 0x4E4F534A, 0x004E4942
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_MOST_ELEMENTS = 100_000_000
+_UNDERSTOOD = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_punctual")
+
+
+def read_glb(data: bytes) -> RawMesh:
+    """Read all triangles of the default scene.
+
+    Raises:
+        ValueError: the file is not valid, or needs something that is not read here.
+    """
+    document, binary = _chunks(data)
+    required = document.get("extensionsRequired", [])
+    foreign = [name for name in required if not str(name).startswith(_UNDERSTOOD)]
+    if foreign:
+        raise ValueError(f"it needs {', '.join(map(str, foreign))!s:.200}, which is not read; export it uncompressed")
+    buffer = Buffer(document, binary)
+    vertices: list[Array] = []
+    faces: list[Array] = []
+    skipped = offset = total = 0
+    for mesh, matrix in placed_meshes(document):
+        for primitive in mesh.get("primitives", []):
+            mode = primitive.get("mode", _TRIANGLES)
+            if mode not in (_TRIANGLES, _STRIP, _FAN):
+                skipped += 1
+                continue
+            points, triangles = _primitive(buffer, primitive, mode)
+            total += len(triangles) + len(points)
+            if total > _MOST_ELEMENTS:
+                raise ValueError(f"its scene has more than {_MOST_ELEMENTS:,} vertices and triangles, copies counted")
+            # A transform that mirrors turns triangles over.
+            triangles = triangles[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else triangles
+            if len(triangles) and not (triangles.min() >= 0 and triangles.max() < len(points)):
+                raise ValueError("a triangle names a vertex that does not exist")
+            vertices.append(points @ matrix[:3, :3].T + matrix[:3, 3])
+            faces.append(triangles + offset)
+            offset += len(points)
+    notes = (f"{skipped} sets of points or lines left out",) if skipped else ()
+    if not faces:
+        return RawMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64), notes)
+    return RawMesh(np.concatenate(vertices), np.concatenate(faces), notes)
+
+
+def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
+    """The JSON document and the binary chunk, which may be missing."""
+    if len(data) < 20:
+        raise ValueError("it is shorter than the header of a GLB file")
+    _, version, length = struct.unpack_from("<4sII", data)
+    if version != 2:
+        raise ValueError(f"it is glTF {version}; only version 2 is read")
+    if length > len(data):
+        raise ValueError(f"the header announces {length:,} bytes, but the file has {len(data):,}; it is cut off")
+    position, chunks = 12, {}
+    while position + 8 <= length:
+        size, kind = struct.unpack_from("<II", data, position)
+        if position + 8 + size > length:
+            raise ValueError("one of its parts is longer than the file")
+        chunks.setdefault(kind, data[position + 8 : position + 8 + size])
+        position += 8 + size
+    try:
+        document = json.loads(chunks.get(_JSON, b"").decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError("its description is not valid JSON") from error
+    if not isinstance(document, dict):
+        raise ValueError("its description is not a JSON object")
+    return document, chunks.get(_BINARY, b"")
+
+
+def _primitive(buffer: Buffer, primitive: dict[str, Any], mode: int) -> tuple[Float[Array, "v 3"], Int[Array, "f 3"]]:
+    points = read_accessor(buffer, primitive["attributes"]["POSITION"], "VEC3").astype(np.float64)
+    if "indices" in primitive:
+        corners = read_accessor(buffer, primitive["indices"], "SCALAR").astype(np.int64)
+    else:
+        corners = np.arange(len(points))
+    if mode == _STRIP:
+        return points, strip_triangles(corners)
+    if mode == _FAN:
+        middle = np.full(max(0, len(corners) - 2), corners[0] if len(corners) else 0)
+        return points, np.stack([middle, corners[1:-1], corners[2:]], axis=1)
+    if len(corners) % 3:
+        raise ValueError(f"its {len(corners):,} corners are no whole number of triangles")
+    return points, corners.reshape(-1, 3)
