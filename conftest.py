@@ -12,7 +12,7 @@ from jaxtyping import install_import_hook
 # TYPE_CHECKING, which beartype cannot resolve.
 CHECKED = ("asset", "base_mesh", "extract", "fitting", "interfaces", "mesh", "meshio", "render")
 
-install_import_hook([f"ndf_core.{name}" for name in CHECKED], "beartype.beartype")
+install_import_hook([f"ndf_core.{name}" for name in CHECKED], "shape_checks.check")
 
 
 @pytest.fixture(scope="session")
