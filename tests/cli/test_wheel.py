@@ -11,6 +11,9 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from small_assets import small_content, torus
+
+from ndf_core.asset.asset import Asset
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SOURCES = ("ndf_core", "pyproject.toml", "setup.py", "README.md", "LICENSE")
@@ -71,3 +74,15 @@ def test_the_light_client_has_nothing_heavy_and_says_what_it_lacks(client: Path,
     )
     assert fit.returncode == 2
     assert "pip install ndf-plugin-sdf" in fit.stderr
+
+
+def test_the_light_client_reads_and_extracts(client: Path, tmp_path: Path) -> None:
+    asset = tmp_path / "torus.ndf"
+    Asset(small_content(torus())).save(asset)
+    assert json.loads(run(client / "ndf", "info", asset, "--json"))["base_mesh"]["genus"] == 1
+    for suffix in (".ply", ".obj"):
+        output = tmp_path / f"torus{suffix}"
+        report = json.loads(run(client / "ndf", "extract", asset, "-o", output, "--json"))
+        assert report["closed"]
+        assert report["manifold"]
+        assert output.stat().st_size > 10_000
