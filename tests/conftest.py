@@ -71,6 +71,8 @@ def open_it(source, config):
         raise InputError(f"{source}: is bad")
     if "crash" in text:
         raise ZeroDivisionError("of a sloppy author")
+    if "exit" in text:
+        raise SystemExit(0)
     return Surface("NAME", Nothing(), Identity(), f"{text.strip()} {config.resolution}", notes=("a note",))
 """
 

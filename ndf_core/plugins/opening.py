@@ -54,7 +54,7 @@ def open_surface(spec: RepresentationSpec, source: str | Path | object, config: 
         raise InputError(f"{shown}: cannot be read: {error.strerror or error}") from error
     except MemoryError as error:
         raise InputError(f"{shown}: too large for this machine's memory") from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise PluginError(f"--repr {spec.name}: the plugin failed on {shown}: {one_line(error)}") from error
     return _checked(surface, spec)
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from ndf_core.errors import InputError
 
-_CALLABLE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+_CALLABLE = re.compile(r"(?:[A-Za-z_][\w.]*|.+\.py):[A-Za-z_][\w.]*")
 
 
 def check_source(source: object) -> None:
-    """Refuse what no plugin could read. Python objects and ``module:callable`` pass; files must exist and hold bytes.
+    """Refuse what no plugin could read. Python objects, ``module:callable`` and ``file.py:callable`` pass; files must exist and hold bytes.
 
     Raises:
         InputError: there is no such file, it may not be read, or it is empty.

@@ -96,6 +96,9 @@ def test_a_plugin_that_fails_while_opening_is_named(plugin_maker: PluginMaker, t
     path.write_text("blob crash")
     with pytest.raises(PluginError, match=r"--repr blob: the plugin failed on .*: ZeroDivisionError: of a sloppy"):
         ndf_core.open(path)
+    path.write_text("blob exit")
+    with pytest.raises(PluginError, match=r"the plugin failed on .*: SystemExit"):
+        ndf_core.open(path)
     path.write_text("blob bad")
     with pytest.raises(InputError, match="is bad"):
         ndf_core.open(path)
