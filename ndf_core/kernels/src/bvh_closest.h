@@ -247,7 +247,10 @@ static void morton_order(const double *rows, int64_t count, int32_t *order, uint
     int32_t *from = (int32_t *)(scratch + 2 * count), *to = order;
     for (int64_t i = 0; i < count; i++) {
         uint32_t key = 0;
-        for (int k = 0; k < 3; k++) key |= spread_bits((uint32_t)((rows[3 * i + k] - low[k]) * factor[k])) << k;
+        for (int k = 0; k < 3; k++) {
+            double cell = (rows[3 * i + k] - low[k]) * factor[k]; /* NaN where the extent overflows */
+            key |= spread_bits(cell >= 0.0 && cell <= 1023.0 ? (uint32_t)cell : 0) << k;
+        }
         keys[i] = key;
         from[i] = (int32_t)i;
     }
