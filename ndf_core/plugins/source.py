@@ -11,7 +11,9 @@ _CALLABLE = re.compile(r"(?:[A-Za-z_][\w.]*|.+\.py):[A-Za-z_][\w.]*")
 
 
 def check_source(source: object) -> None:
-    """Refuse what no plugin could read. Python objects, ``module:callable`` and ``file.py:callable`` pass; files must exist and hold bytes.
+    """Refuse what no plugin could read: files must exist and hold bytes.
+
+    Python objects pass, and so do ``module:callable`` and ``file.py:callable``.
 
     Raises:
         InputError: there is no such file, it may not be read, or it is empty.
