@@ -143,7 +143,8 @@ def test_wireframe_darkens_edges_and_only_edges() -> None:
     along = end - start
     t = np.clip(((pixels - start) * along).sum(-1) / (along**2).sum(-1), 0, 1)
     assert np.linalg.norm(pixels - start - t[..., None] * along, axis=-1).min(axis=1).max() < 2
-    front = np.cross(along[::3], along[1::3]) < 0  # turns the other way, as rows grow downwards
+    turn = along[::3, 0] * along[1::3, 1] - along[::3, 1] * along[1::3, 0]
+    front = turn < 0  # the other way round, as rows grow downwards
     middles = ((start + end) / 2)[np.repeat(front, 3)].astype(int)
     assert np.mean([darker[r - 1 : r + 2, c - 1 : c + 2].any() for c, r in middles]) > 0.9
     assert (lines > plain).mean() < 0.01

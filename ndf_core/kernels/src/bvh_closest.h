@@ -71,7 +71,7 @@ INLINE void leaf_nearest(const Leaf *leaf, const double *q, Nearest *best)
         }
 }
 
-/* Float upper bound for pruning. The factor covers the roundings of the float box distance, the summand its underflow. */
+/* Upper bound for pruning: the factor covers the roundings of the float box distance, the summand its underflow. */
 INLINE float prune_bound(double squared)
 {
     double bound = squared * 1.000002 + 1e-36;
@@ -156,8 +156,8 @@ static int interior_weights(const Leaf *leaf, int lane, const double *q, double 
     return v >= 0.0 && w >= 0.0 && weights[0] >= 0.0;
 }
 
-/* Barycentric coordinates of the point of `face` closest to q. Every corner begins one of the edges, where the parameter
- * is exactly 0: corners get weights of exactly 0 and 1. */
+/* Barycentric coordinates of the point of `face` closest to q. Every corner begins one of the edges, where the
+ * parameter is exactly 0: corners get weights of exactly 0 and 1. */
 static void closest_barycentric(const Tree *tree, int32_t face, const double *q, double *weights)
 {
     const Leaf *leaf = &tree->leaves[tree->leaf_of[face]];
@@ -191,7 +191,7 @@ static void closest_barycentric(const Tree *tree, int32_t face, const double *q,
     weights[(start + 2) % 3] = 0.0;
 }
 
-/* The point with these weights, from the heaviest corner outwards: exact at corners, and precise far from the origin. */
+/* The point with these weights, from the heaviest corner outwards: exact at corners, precise far from the origin. */
 static void face_point(const Tree *tree, int32_t face, const double *weights, double *point)
 {
     int heavy = weights[1] > weights[0] ? 1 : 0;

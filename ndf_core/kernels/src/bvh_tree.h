@@ -130,7 +130,10 @@ static int bin_of(float center, float origin, float factor)
 }
 
 /* What a leaf costs is one vectorised test of LANES triangles, however many of the lanes are filled. */
-static float leaf_cost(const Bin *bin) { return half_area(bin->low, bin->high) * (float)((bin->count + LANES - 1) / LANES); }
+static float leaf_cost(const Bin *bin)
+{
+    return half_area(bin->low, bin->high) * (float)((bin->count + LANES - 1) / LANES);
+}
 
 /* Partition the items by the cheapest of 3 * (BINS - 1) planes; returns the size of the left part. */
 static int64_t split(Item *items, int64_t count, int depth)
