@@ -1,8 +1,8 @@
 """Make .venv with every package of this repository, editable; `make` calls this before everything.
 
-Needs Python 3.11+ with venv, pip and headers, and a C compiler; reaches a package index and, for torch only where the
-index has no CPU build, PyTorch's own. Does nothing when .venv is up to date. Standard library only, and readable by an
-old Python, which has to be able to say that it is too old.
+Needs Python 3.11+ with venv, pip and headers, and a C compiler; reaches a package index and, for torch only where
+that has no CPU build, PyTorch's own. Does nothing when .venv is up to date. Standard library only, and readable by
+an old Python, which has to be able to say that it is too old.
 """
 
 import hashlib
@@ -49,7 +49,9 @@ def with_newer_python() -> int:
         if found and subprocess.call([found, "-c", ""], stderr=subprocess.DEVNULL) == 0:
             return subprocess.call([found, *sys.argv])
     have = platform.python_version()
-    print(f"ndf needs Python 3.11 or newer; this is {have}. Install one:\n  {system_install('python')}", file=sys.stderr)
+    print(
+        f"ndf needs Python 3.11 or newer; this is {have}. Install one:\n  {system_install('python')}", file=sys.stderr
+    )
     return 1
 
 
@@ -100,7 +102,7 @@ def system_install(what: str) -> str:
 
 
 def install_torch() -> None:
-    """On Linux the plain index may only have a CUDA build, several gigabytes; take a CPU build where one can be had."""
+    """Take a CPU build where one can be had: a plain index's for Linux is a CUDA build of several gigabytes."""
     wanted = next(line.strip() for line in CONSTRAINTS.read_text().splitlines() if line.startswith("torch=="))
     if not sys.platform.startswith("linux") or os.environ.get("NDF_TORCH") == "index":
         return  # elsewhere the plain build is the CPU build; or the user wants what the index has

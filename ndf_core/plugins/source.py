@@ -16,15 +16,18 @@ def check_source(source: object) -> None:
     Python objects pass, and so do ``module:callable`` and ``file.py:callable``.
 
     Raises:
-        InputError: there is no such file, it may not be read, or it is empty.
+        InputError: there is no such file, it may not be read, it is empty, or a pipe or device.
     """
     if not isinstance(source, (str, Path)):
         return
     path = Path(source)
     try:
         found = path.stat()
+        if not (path.is_file() or path.is_dir()):
+            raise InputError(f"{source}: is no regular file")  # a pipe or a device could keep a reader for ever
         if path.is_file():
-            path.open("rb").close()
+            with path.open("rb"):
+                pass
     except FileNotFoundError as error:
         if isinstance(source, str) and _CALLABLE.fullmatch(source):
             return

@@ -75,6 +75,8 @@ def test_no_plugin_is_asked_about_what_is_not_there(plugin_maker: PluginMaker, t
     empty.touch()
     with pytest.raises(InputError, match="the file is empty"):
         choose(empty)
+    with pytest.raises(InputError, match="/dev/zero: is no regular file"):
+        choose("/dev/zero")
     with pytest.raises(InputError, match="cannot be read"):
         choose("null\0byte")
     with pytest.raises(RepresentationError, match="a dict is no file; name its representation"):
