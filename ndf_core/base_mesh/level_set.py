@@ -1,0 +1,162 @@
+"""The base mesh of a scalar field: its zero level set, cleaned by a stated policy and coarsened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from ndf_core.base_mesh.coarsen import coarsen
+from ndf_core.base_mesh.crumbs import drop_crumbs
+from ndf_core.base_mesh.handles import remove_small_handles
+from ndf_core.base_mesh.lattice import ScalarField
+from ndf_core.base_mesh.marching_cubes import marching_cubes
+from ndf_core.base_mesh.narrow_band import Band, sample_near_level_set
+from ndf_core.errors import BaseMeshError
+from ndf_core.interfaces import BaseMesh, BaseMeshExtractor, Remark
+from ndf_core.kernels.decimate import decimate
+from ndf_core.mesh import Topology, topology
+
+SEARCHED_FACES = 60_000
+"""A mesh is decimated to so many faces before short loops are looked for, which keeps its topology."""
+
+
+@dataclass(frozen=True)
+class LevelSetPolicy:
+    """What is too small to keep. Lengths are in cells, one cell being the longest side of the bounds / resolution."""
+
+    resolution: int = 256
+    """Cells along the longest side of the bounds."""
+    max_resolution: int = 512
+    """Taken when the Euler characteristic or the components differ between `resolution` and half of it."""
+    min_component: float = 4.0
+    """Components and cavities with a smaller bounding-box diagonal are left out, whatever else happens."""
+    min_loop: float = 8.0
+    """Handles and tunnels with a shorter loop are removed, but only if the topology still differs between the
+    highest resolution and half of it: what both agree on is taken for real, however thin."""
+    bisections: int = 3
+    """Halvings of the crossed edges, for fields without a distance bound (those may be occupancies)."""
+
+
+class LevelSetExtractor(BaseMeshExtractor):
+    """Marching cubes in a narrow band of a field that is negative inside.
+
+    Everything that the base mesh lacks of the sampled level set is in its remarks: "dropped_component",
+    "filled_cavity", "cut_handle", "filled_tunnel", "capped" (the level set reaches the bounds and is closed there),
+    "topology_not_settled" (two resolutions disagree), "faces_not_reached", "self_intersections".
+    """
+
+    def __init__(
+        self,
+        field: ScalarField,
+        bounds: Float[Array, "2 3"],
+        *,
+        lipschitz: float | None = None,
+        distance: ScalarField | None = None,
+        policy: LevelSetPolicy | None = None,
+    ) -> None:
+        """Hold the field; nothing is evaluated yet.
+
+        Args:
+            field: Values at float64 points (n, 3) in input units, negative inside; rows are independent. Only
+                called within `bounds`.
+            bounds: Lowest and highest corner of the box to look in, input units.
+            lipschitz: ``|field| <= lipschitz * distance to the level set`` everywhere in the bounds (1 for distances
+                and for CSG bounds); None where nothing of the kind holds.
+            distance: The absolute value of `field`, where it is much cheaper without the sign (needs `lipschitz`).
+
+        Raises:
+            BaseMeshError: the bounds are empty or not finite.
+        """
+        self._bounds = np.asarray(bounds, dtype=np.float64)
+        if not np.isfinite(self._bounds).all() or (self._bounds[1] <= self._bounds[0]).any():
+            raise BaseMeshError(f"the bounds of a level set need two finite corners, low below high; got {bounds}")
+        self._field = field
+        self._lipschitz = lipschitz
+        self._distance = distance
+        self._policy = policy if policy is not None else LevelSetPolicy()
+
+    def extract(self, max_faces: int, seed: int = 0) -> BaseMesh:
+        """Return the base mesh; `seed` is not used, nothing here is random."""
+        del seed
+        vertices, faces, remarks = self.dense()
+        return coarsen(vertices, faces, max_faces, remarks=remarks)
+
+    def dense(self) -> tuple[Float[Array, "v 3"], Int[Array, "f 3"], list[Remark]]:
+        """The closed manifold mesh that the base mesh is cut from, with the remarks about what it lacks.
+
+        Raises:
+            BaseMeshError: the field has no negative value in the bounds, or is not a number somewhere.
+        """
+        policy = self._policy
+        resolution = policy.resolution
+        while True:
+            band = sample_near_level_set(self._field, self._bounds, resolution, self._lipschitz, self._distance)
+            vertices, faces, remarks = self._mesh(band, 1)
+            fine = topology(faces, len(vertices))
+            half_vertices, half_faces, _ = self._mesh(band, 2)
+            half = topology(half_faces, len(half_vertices))
+            settled = _same(fine, half)
+            if settled or 2 * resolution > policy.max_resolution:
+                break
+            resolution *= 2
+        if not settled:
+            cell = self._cell(resolution)
+            vertices, faces, _ = decimate(vertices, faces, SEARCHED_FACES)
+            vertices, faces, removed = remove_small_handles(vertices, faces, policy.min_loop * cell)
+            remarks += [*removed, _not_settled(resolution, fine, half)]
+        return vertices, faces, [*remarks, *_capped(band)]
+
+    def _mesh(self, band: Band, width: int) -> tuple[Float[Array, "v 3"], Int[Array, "f 3"], list[Remark]]:
+        bisections = self._policy.bisections if self._lipschitz is None and width == 1 else 0
+        vertices, faces = marching_cubes(band, width, self._field, bisections)
+        if not len(faces):
+            return vertices, faces, []
+        cell = float(band.lattice.step.max())
+        return drop_crumbs(vertices, faces, self._policy.min_component * cell)
+
+    def _cell(self, resolution: int) -> float:
+        return float(np.ptp(self._bounds, axis=0).max()) / resolution
+
+
+def _same(one: Topology, other: Topology) -> bool:
+    return one.euler_characteristic == other.euler_characteristic and one.components == other.components
+
+
+def _not_settled(resolution: int, fine: Topology, half: Topology) -> Remark:
+    return Remark(
+        kind="topology_not_settled",
+        message=(
+            f"at resolution {resolution} the level set has {fine.components} components of total genus {fine.genus}, "
+            f"at {resolution // 2} it has {half.components} of {half.genus}: parts are as thin as the cells; raise the "
+            f"resolution to keep them"
+        ),
+    )
+
+
+def _capped(band: Band) -> list[Remark]:
+    """A remark if the inside reaches the bounds."""
+    index = band.lattice.corner_index(band.corners[band.values < 0])
+    border = index[((index == 1) | (index == band.lattice.inner + 1)).any(axis=1)]
+    if not len(border):
+        return []
+    points = band.lattice.positions(border)
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y, z = (float(value) for value in 0.5 * (low + high))
+    sides = [
+        f"{sign}{axis}"
+        for k, axis in enumerate("xyz")
+        for sign, at in (("-", 1), ("+", int(band.lattice.inner[k]) + 1))
+        if (index[:, k] == at).any()
+    ]
+    return [
+        Remark(
+            kind="capped",
+            message=f"the level set reaches the bounds at {', '.join(sides)} and is closed there with a flat cap",
+            position=(x, y, z),
+            size=float(np.linalg.norm(high - low)),
+            count=len(sides),
+        )
+    ]
