@@ -16,7 +16,7 @@ class Triangulation(NamedTuple):
 
     corners: Int[Array, "f 3"]
     twins: Int[Array, "f 3"]
-    """Half-edge 3 f + i runs from corner i to corner i + 1 of face f. Its twin is on the other side, -1 at a border."""
+    """Half-edge 3 f + i runs from corner i to corner i + 1 of face f. Its twin is the other side, -1 at a border."""
     home: Int[Array, " f"]
     """The base face that each face lies in."""
 
