@@ -16,6 +16,10 @@ _SLICE = 4096
 """Fewest rows that are worth a thread of their own."""
 
 
+INSTRUCTIONS = 2
+"""Best instruction set that may be used, where the processor has it: 2 AVX-512, 1 AVX2, 0 the platform's own."""
+
+
 class FieldArrays(NamedTuple):
     """A field block as plain float32 arrays (Sec. 3.3): [x, sin and cos of 2^k base_frequency x, features], ReLU."""
 
@@ -68,6 +72,7 @@ def evaluate_field(
             field.levels,
             field.include_position,
             field.residual,
+            INSTRUCTIONS,
         )
 
     _in_slices(run, len(rows), threads)
@@ -89,6 +94,7 @@ def evaluate_space_field(field: FieldArrays, points: Float[Array, "n 3"], thread
             field.levels,
             field.include_position,
             field.residual,
+            INSTRUCTIONS,
         )
 
     _in_slices(run, len(positions), threads)

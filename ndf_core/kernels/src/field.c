@@ -33,7 +33,7 @@ typedef struct {
     const float *features;
     Py_ssize_t feature_dim, widest;
     double base_frequency;
-    int include_position, residual;
+    int include_position, residual, most;
 } Network;
 
 typedef struct {
@@ -73,12 +73,14 @@ static Py_ssize_t padded(Py_ssize_t rows) { return (rows + BLOCK - 1) / BLOCK * 
 #endif
 #include "field_tile.h"
 
-static void run(const Network *net, const Queries *queries, Py_ssize_t count, float *answer, float *scratch)
+/* `most` keeps to lesser instruction sets, so that each can be tested: 1 to AVX2, 0 to what every processor has. */
+static void run(const Network *net, const Queries *queries, Py_ssize_t count, float *answer, float *scratch, int most)
 {
 #if defined(__GNUC__) && defined(__x86_64__)
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
+    if (most > 1 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")
+        && __builtin_cpu_supports("avx512vl"))
         run_avx512(net, queries, count, answer, scratch);
-    else if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+    else if (most > 0 && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
         run_avx2(net, queries, count, answer, scratch);
     else
 #endif
@@ -168,22 +170,22 @@ static PyObject *evaluate_network(Network *net, Queries *queries, Py_ssize_t cou
     net->packed = packed;
     Py_BEGIN_ALLOW_THREADS
     pack(net, parameters->data, packed);
-    run(net, queries, count, answer->data, scratch);
+    run(net, queries, count, answer->data, scratch, net->most);
     Py_END_ALLOW_THREADS
     free(memory);
     Py_RETURN_NONE;
 }
 
 /* evaluate(answer f(n,k), faces i(n,), barycentric d(n,3), vertices d(v,3), base_faces i(f,3), features f(v,d),
- *          widths i(layers+1,), parameters f(p,), base_frequency, levels, include_position, residual) */
+ *          widths i(layers+1,), parameters f(p,), base_frequency, levels, include_position, residual, most) */
 static PyObject *evaluate(PyObject *self, PyObject *args)
 {
     PyObject *objects[8], *result = NULL;
     Network net = {0};
     int levels;
-    if (!PyArg_ParseTuple(args, "OOOOOOOOdipp", &objects[0], &objects[1], &objects[2], &objects[3], &objects[4],
+    if (!PyArg_ParseTuple(args, "OOOOOOOOdippi", &objects[0], &objects[1], &objects[2], &objects[3], &objects[4],
                           &objects[5], &objects[6], &objects[7], &net.base_frequency, &levels, &net.include_position,
-                          &net.residual))
+                          &net.residual, &net.most))
         return NULL;
     net.levels = levels;
     static const char formats[] = "fiddifif", *const names[] = {"answer", "faces", "barycentric", "vertices",
@@ -214,14 +216,15 @@ done:
     return result;
 }
 
-/* evaluate_space(answer f(n,k), points d(n,3), widths, parameters, base_frequency, levels, include_position, residual) */
+/* evaluate_space(answer f(n,k), points d(n,3), widths, parameters, base_frequency, levels, include_position, residual,
+ *                most) */
 static PyObject *evaluate_space(PyObject *self, PyObject *args)
 {
     PyObject *objects[4], *result = NULL;
     Network net = {0};
     int levels;
-    if (!PyArg_ParseTuple(args, "OOOOdipp", &objects[0], &objects[1], &objects[2], &objects[3], &net.base_frequency,
-                          &levels, &net.include_position, &net.residual))
+    if (!PyArg_ParseTuple(args, "OOOOdippi", &objects[0], &objects[1], &objects[2], &objects[3], &net.base_frequency,
+                          &levels, &net.include_position, &net.residual, &net.most))
         return NULL;
     net.levels = levels;
     static const char formats[] = "fdif", *const names[] = {"answer", "points", "widths", "parameters"};
