@@ -17,6 +17,9 @@ typedef struct {
 static const struct { double cosine; } STAGES[] = {{0.5}, {0.26}};
 enum { STAGE_COUNT = 2 };
 
+/* Area over the sum of the squared sides below which a triangle is a sliver; 0.289 is equilateral. */
+static const double SLIVER = 0.003;
+
 /* Flips before the collapses leave flat regions flat to rounding; those after turn no normal by more than 3 degrees. */
 static const double FLAT = 1 - 1e-9, NEARLY_FLAT = 0.9986;
 
@@ -148,6 +151,21 @@ static int link_condition(Work *work, int32_t h)
 /* Measures of the triangles around an edge. */
 typedef struct { double quality_before, altitude_before, quality, altitude; int turned; } Ring;
 
+static int turned(const Work *work, int32_t v, const double before[3], const double after[3], double bound, int sliver)
+{
+    if (!sliver) return dot(before, after) < bound;
+    /* The normal of a sliver is noise; ask the fan instead, and only for the side. */
+    const CornerMesh *mesh = &work->mesh;
+    int32_t start = mesh->outgoing[v], k = start;
+    double sum[3] = {0, 0, 0}, normal[3];
+    do {
+        face_normal(work->position[v], work->position[end_of(mesh, k)], work->position[mesh->corner[previous(k)]], normal);
+        for (int i = 0; i < 3; i++) sum[i] += normal[i];
+        k = turn(mesh, k);
+    } while (k >= 0 && k != start);
+    return dot(sum, after) < 0;
+}
+
 static void measure_fan(const Work *work, int32_t v, int32_t face1, int32_t face2, const double at[3], double cosine, Ring *ring)
 {
     const CornerMesh *mesh = &work->mesh;
@@ -159,6 +177,7 @@ static void measure_fan(const Work *work, int32_t v, int32_t face1, int32_t face
         double area = face_normal(p, q, r, before), u = squared_distance(p, q), w = squared_distance(p, r);
         double longest = fmax(opposite, fmax(u, w)), quality = area / (opposite + u + w + 1e-300);
         double altitude = area / sqrt(longest + 1e-300);
+        double quality_old = quality;
         if (quality < ring->quality_before) ring->quality_before = quality;
         if (altitude < ring->altitude_before) ring->altitude_before = altitude;
         if (k / 3 != face1 && k / 3 != face2) {
@@ -170,17 +189,16 @@ static void measure_fan(const Work *work, int32_t v, int32_t face1, int32_t face
             altitude = new_area / sqrt(longest + 1e-300);
             if (quality < ring->quality) ring->quality = quality;
             if (altitude < ring->altitude) ring->altitude = altitude;
-            if (area > 0 && dot(before, after) < cosine * area * new_area) ring->turned = 1;
+            ring->turned = turned(work, v, before, after, cosine * area * new_area, quality_old < SLIVER);
         }
         k = turn(mesh, k);
     } while (k >= 0 && k != start && !ring->turned);
 }
 
-/* Cost with the shape of the new triangles, or infinity where the collapse is not allowed. */
+/* Cost with the shape of the new triangles, or infinity where one would turn too far or get too thin. */
 static double full_cost(Work *work, int32_t h, double at[3])
 {
     const CornerMesh *mesh = &work->mesh;
-    if (!link_condition(work, h)) return INFINITY;
     double cost = place(work, h, at);
     int32_t g = mesh->opposite[h], face1 = h / 3, face2 = g >= 0 ? g / 3 : -1;
     Ring ring = {1, INFINITY, 1, INFINITY, 0};
@@ -256,13 +274,13 @@ static void run(Work *work, int32_t target)
         while (work->live_faces > target && work->heap.count) {
             int32_t h = work->heap.entries[0].id;
             double at[3], cost = full_cost(work, h, at);
-            if (isinf(cost)) {
+            if (isfinite(cost) && cost > work->heap.entries[0].key) {
+                heap_set(&work->heap, h, cost);
+            } else if (isfinite(cost) && link_condition(work, h)) {
+                collapse(work, h, at);
+            } else {
                 heap_remove(&work->heap, h);
                 work->parked[h] = 1;
-            } else if (cost > work->heap.entries[0].key) {
-                heap_set(&work->heap, h, cost);
-            } else {
-                collapse(work, h, at);
             }
         }
         if (work->live_faces > before - (before - target) / 50 - 1) work->stage++;
