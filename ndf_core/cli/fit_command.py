@@ -90,8 +90,8 @@ class FitCommand(click.Command):
 
     def _source(self, ctx: click.Context, args: Sequence[str], fit: OptionGroup, taken: frozenset[str]) -> str | None:
         """INPUT, which can be told from the value of an option only when all plugins' options are known."""
-        every = [option for spec in load_usable()[0] for option in _theirs(spec, fit, taken).options]
-        source = self._peek(ctx, args, [*fit.options, *every]).get("source")
+        every = {option.opts[0]: option for spec in load_usable()[0] for option in _theirs(spec, fit, taken).options}
+        source = self._peek(ctx, args, [*fit.options, *every.values()]).get("source")
         return None if source is None or source.startswith("-") else source
 
     def _peek(self, ctx: click.Context, args: Sequence[str], options: Sequence[click.Option]) -> dict[str, str]:

@@ -20,6 +20,8 @@ from ndf_core.errors import FitError
 if TYPE_CHECKING:
     from tests.conftest import PluginMaker
 
+pytestmark = pytest.mark.filterwarnings("error")
+
 
 @dataclass
 class FakePipeline:
@@ -50,6 +52,7 @@ def pipeline(plugin_maker: PluginMaker, monkeypatch: pytest.MonkeyPatch) -> Fake
     module.__dict__["run_fit"] = fake.run_fit
     monkeypatch.setitem(sys.modules, "ndf_core.fitting.pipeline", module)
     plugin_maker.add("blob", version="4.2")
+    plugin_maker.add("other", confidence=0.1)  # with the same options
     return fake
 
 
