@@ -31,19 +31,18 @@ def encode_codes(arrays: Sequence[Int[Array, "rows columns"]]) -> bytes:
 def decode_codes(data: bytes, shapes: Sequence[tuple[int, int]]) -> list[Int[Array, "rows columns"]]:
     """The arrays (int16) that `encode_codes` made `data` from; the caller bounds the sizes beforehand.
 
-    Any bytes decode to something, so `data` needs a digest of its own against damage.
+    Other bytes of the right length may decode to something too, so `data` needs a digest of its own against damage.
 
     Raises:
-        ValueError: a shape has no entries, or `data` goes on after the last code.
+        ValueError: a shape has no entries, or `data` does not end where the last code does.
     """
     if not shapes:
         if data:
-            raise ValueError("the codes go on after the last array")
+            raise ValueError("the codes do not end where the last array does")
         return []
     sizes = [rows * columns for rows, columns in shapes]
     codes = np.empty(sum(sizes), dtype=np.int32)
-    asked = _codes.decode(codes, np.frombuffer(data, dtype=np.uint8), np.array(shapes, dtype=np.int32))
-    if asked < len(data):
-        raise ValueError("the codes go on after the last array")
+    if not _codes.decode(codes, np.frombuffer(data, dtype=np.uint8), np.array(shapes, dtype=np.int32)):
+        raise ValueError("the codes do not end where the last array does")
     parts = np.split(codes.astype(np.int16), np.cumsum(sizes)[:-1])
     return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]

@@ -69,16 +69,20 @@ def test_any_bytes_decode_within_bounds() -> None:
         try:
             (codes,) = decode_codes(data, [(50, 4)])
         except ValueError as error:
-            assert "go on after the last array" in str(error)
+            assert "do not end where" in str(error)
         else:
             assert codes.shape == (50, 4)
 
 
-def test_bytes_after_the_last_code_are_refused() -> None:
-    codes = np.ones((10, 2), np.int16)
-    with pytest.raises(ValueError, match="go on after"):
+def test_streams_of_the_wrong_length_are_refused() -> None:
+    codes = np.random.default_rng(0).integers(-99, 99, size=(10, 2)).astype(np.int16)
+    with pytest.raises(ValueError, match="do not end"):
+        decode_codes(encode_codes([codes]), [(20, 2)])
+    with pytest.raises(ValueError, match="do not end"):
+        decode_codes(encode_codes([codes])[:8], [(10, 2)])
+    with pytest.raises(ValueError, match="do not end"):
         decode_codes(encode_codes([codes]) + b"\x01" * 9, [(10, 2)])
-    with pytest.raises(ValueError, match="go on after"):
+    with pytest.raises(ValueError, match="do not end"):
         decode_codes(b"\x01", [])
 
 

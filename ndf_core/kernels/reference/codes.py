@@ -86,4 +86,5 @@ def encode_codes(arrays: Sequence[Int[Array, "rows columns"]]) -> bytes:
                 narrow(value & ((1 << shift) - 1), 1, shift)
             sums[column] += 16 * abs(code)
     low = -(-low // TOP) * TOP
-    return low.to_bytes(digits, "big").rstrip(b"\0")
+    data = low.to_bytes(digits, "big")
+    return data[:-4] + data[-4:].rstrip(b"\0")

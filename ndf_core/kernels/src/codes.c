@@ -17,6 +17,7 @@
 #define PRIOR 4 /* how many codes the mean of the array counts for in the mean of a column */
 #define MEAN_BITS 12
 #define SHIFT_BITS 4
+#define END_ZEROS 4 /* of the last four bytes at least three are zero */
 
 typedef struct {
     int64_t half[KNOTS + 1]; /* 2^31 * (logistic(j / 16) - 1/2) */
@@ -110,7 +111,8 @@ static void encode_slots(Encoder *coder, uint32_t below, uint32_t slots, int bit
     }
 }
 
-/* Of all numbers in [low, low + range) take the one with the most trailing zeros; the reader supplies zeros itself. */
+/* Of all numbers in [low, low + range) take the one with the most trailing zeros; the reader supplies up to END_ZEROS
+ * of them itself. */
 static Py_ssize_t encode_end(Encoder *coder)
 {
     coder->low = (coder->low + TOP - 1) & ~(uint64_t)(TOP - 1);
@@ -118,7 +120,7 @@ static Py_ssize_t encode_end(Encoder *coder)
         shift_low(coder);
     if (coder->size > coder->capacity)
         return -1;
-    while (coder->size && coder->bytes[coder->size - 1] == 0)
+    for (int i = 0; i < END_ZEROS && coder->bytes[coder->size - 1] == 0; i++)
         coder->size--;
     return coder->size;
 }
@@ -304,7 +306,7 @@ done:
     return result;
 }
 
-/* decode(codes i(n,), bytes B(m,), shapes i(k,2)) -> number of bytes that the decoder asked for */
+/* decode(codes i(n,), bytes B(m,), shapes i(k,2)) -> whether the stream ends where the last code does */
 static PyObject *decode(PyObject *self, PyObject *args)
 {
     PyObject *objects[3], *result = NULL;
@@ -337,7 +339,7 @@ static PyObject *decode(PyObject *self, PyObject *args)
     for (Py_ssize_t k = 0; k < arrays[2].rows; codes += (Py_ssize_t)shape[2 * k] * shape[2 * k + 1], k++)
         decode_array(&coder, &table, codes, shape[2 * k], shape[2 * k + 1], sums);
     Py_END_ALLOW_THREADS
-    result = PyLong_FromSsize_t(coder.position);
+    result = PyBool_FromLong(coder.size <= coder.position && coder.position <= coder.size + END_ZEROS);
 done:
     free(sums);
     while (held--)
