@@ -50,6 +50,8 @@ def ndf_representation() -> RepresentationSpec:
 """
 
 OPEN = """
+from pathlib import Path
+
 from ndf_core.errors import InputError
 from ndf_core.interfaces import BaseMeshExtractor, Projector, Surface
 
@@ -66,7 +68,7 @@ class Identity(Projector):
 
 def open_it(source, config):
     print("opening on stdout")
-    text = open(source).read()
+    text = Path(source).read_text()
     if "bad" in text:
         raise InputError(f"{source}: is bad")
     if "crash" in text:
