@@ -44,7 +44,7 @@ def test_extract_writes_the_mesh_that_it_reports(asset: Path, suffix: str, capfd
     assert main(["extract", str(asset), "-o", str(output), "--edge-length", "0.2", "--json"]) == 0
     report = json.loads(capfd.readouterr().out)
     assert report.keys() >= KEYS
-    assert report["seconds"] >= sum(report["seconds_by_stage"].values()) / 2 > 0, "stages and their total"
+    assert report["seconds"] > report["seconds_by_stage"]["total"] > 0
     mesh = trimesh.load(output, force="mesh")
     assert isinstance(mesh, trimesh.Trimesh)
     mesh.merge_vertices()
