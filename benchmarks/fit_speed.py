@@ -1,7 +1,6 @@
 """Seconds to the paper's accuracy: `--recipe paper` against `--recipe fast`, same surface, projector and kernels.
 
-The paper recipe runs once per shape and is cached in `benchmarks/results/fit_speed_paper_<shape>.json`; the fast one runs
-every time. Each clock counts the initialisation and the training, not the evaluations, and stops at the first
+The paper recipe runs once per shape and is cached in `results/fit_speed_paper_<shape>.json`; the fast one runs every time. Each clock counts the initialisation and the training, not the evaluations, and stops at the first
 evaluation whose two-sided rms is at or below the paper run's final one. CPU seconds are given beside wall seconds:
 with one thread they are the same work without the neighbours' noise.
 
@@ -51,7 +50,7 @@ def base_mesh_of(surface: Surface, config: FitConfig) -> dict[str, Any]:
 
 def run(path: Path, config: FitConfig, evaluations: int, samples: int, base: dict[str, Any] | None) -> dict[str, Any]:
     """Fit once, stopping the clock for evaluations; their steps are spread so that the early ones are dense."""
-    torch.set_num_threads(config.threads)
+    torch.set_num_threads(1)
     surface = ndf_core.open(path)
     base = base or base_mesh_of(surface, config)
     vertices, faces = decode_base_mesh(base64.b64decode(base["blob"]), base["vertices"], base["faces"])
@@ -60,7 +59,7 @@ def run(path: Path, config: FitConfig, evaluations: int, samples: int, base: dic
     projector = BoxProjector(surface.projector, center, scale)
     wall, cpu = time.perf_counter(), time.process_time()
     parameters = initial_parameters(geometry, config)
-    trainer = Trainer(parameters, geometry, projector, config, Silent())
+    trainer = Trainer(parameters, geometry, projector, config, Silent(), threads=config.threads)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     initialise = wall
     curve: list[dict[str, float]] = []
@@ -73,9 +72,7 @@ def run(path: Path, config: FitConfig, evaluations: int, samples: int, base: dic
         trainer.run(mark, save=lambda: None)
         wall += time.perf_counter() - wall_start
         cpu += time.process_time() - cpu_start
-        accuracy = measure(
-            field.map, len(faces), surface, center, scale, field.base, field.inverse, samples=samples, seed=1, threads=config.threads,
-        )  # fmt: skip
+        accuracy = measure(field.map, len(faces), surface, center, scale, field.base, field.inverse, samples, seed=1)
         backward = accuracy.surface_to_field
         curve.append(
             {

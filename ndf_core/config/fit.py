@@ -63,7 +63,7 @@ class FitConfig(BaseModel):
         description="lowest angular frequency; pi/3 has period 6, so the box of 3 is unique",
     )
 
-    batch: int = Field(default=2048, ge=1, le=2**22, description="samples per step (the paper's s)")
+    batch: int = Field(default=4096, ge=1, le=2**22, description="samples per step (the paper's s)")
     sampling: Literal["stratified", "rejection"] = Field(
         "stratified", description="how base points are drawn in proportion to |det J|: per face, or point by point"
     )
@@ -86,12 +86,15 @@ class FitConfig(BaseModel):
     optimizer: Literal["muon", "adam"] = Field(
         "muon", description="muon orthogonalises the hidden matrices' updates and leaves the rest to Adam"
     )
-    learning_rate: float = Field(default=2e-3, gt=0, le=10, description="peak learning rate of the networks")
-    feature_learning_rate: float = Field(default=1e-1, gt=0, le=10, description="peak learning rate of the features")
+    learning_rate: float = Field(default=4e-3, gt=0, le=10, description="peak learning rate of the networks")
+    feature_learning_rate: float = Field(default=2e-1, gt=0, le=10, description="peak learning rate of the features")
     adam_beta2: float = Field(default=0.99, ge=0, lt=1, description="decay of Adam's squared gradients")
     schedule: Literal["cosine", "constant"] = Field("cosine", description="learning rate over the run")
     warmup_steps: int = Field(
         default=20, ge=0, le=100_000, description="steps over which the learning rate rises from zero"
     )
 
+    keep_inverse: bool = Field(
+        default=True, description="store the inverse network too: clients map points near the surface back with it"
+    )
     checkpoint_seconds: float = Field(default=20.0, gt=0, le=1e6, description="seconds between checkpoints")

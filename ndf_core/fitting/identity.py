@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import torch
-
 from ndf_core.asset.content import Encoding
 from ndf_core.config.fit import FitConfig
 from ndf_core.fitting.geometry import BaseGeometry
-from ndf_core.fitting.network import NetworkShape, Parameters, displace, interpolate, invert
+from ndf_core.fitting.network import NetworkShape, Parameters
+from ndf_core.fitting.optimizer import Optimizer
 from ndf_core.fitting.sampling import generator_at, stratified
+from ndf_core.fitting.step import FusedStep, tile_size
 
 
 def initial_parameters(geometry: BaseGeometry, config: FitConfig) -> Parameters:
@@ -42,15 +42,13 @@ def initial_parameters(geometry: BaseGeometry, config: FitConfig) -> Parameters:
 
 def train_identity(parameters: Parameters, geometry: BaseGeometry, config: FitConfig) -> None:
     """Train both networks to the identity on base points, in place (App. A.1, eq. initialization-loss)."""
-    flat = parameters.flat.detach().requires_grad_()
-    live = Parameters(parameters.shape, flat)
-    adam = torch.optim.Adam([flat], lr=config.learning_rate)
-    for step in range(config.identity_steps):
-        batch = stratified(geometry, geometry.areas, config.batch, generator_at(config.seed, -2 - step)).batch
-        features = interpolate(live.features, batch.corners, batch.barycentric)
-        forward = displace(live, batch.positions, features) - batch.positions
-        inverse = invert(live, batch.positions) - batch.positions
-        adam.zero_grad()
-        (forward.square().sum() + inverse.square().sum()).div(config.batch).backward()
-        adam.step()
-    parameters.flat.copy_(flat.detach())
+    tile = tile_size(config.batch, geometry.device)
+    step = FusedStep(parameters.shape, tile, 1, geometry.device)
+    adam = Optimizer(parameters, config.model_copy(update={"optimizer": "adam"}))
+    tiles = max(1, config.batch // tile)
+    for count in range(config.identity_steps):
+        generator = generator_at(config.seed, -2 - count)
+        step.gradient.flat.zero_()
+        for _ in range(tiles):
+            step.identity(parameters, stratified(geometry, geometry.areas, tile, generator).batch, 1 / tiles)
+        adam.step(step.gradient, 1.0)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import copy
+
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ndf_core.fitting.geometry import BaseGeometry, mapped_frame
+from ndf_core.fitting.geometry import BaseGeometry, area_ratio
 from ndf_core.fitting.network import Parameters, displace, interpolate
 from ndf_core.fitting.step import Batch
 
 _GOLDEN = 0x9E3779B97F4A7C15
+_CANDIDATES = 8192
 
 
 def generator_at(seed: int, step: int) -> torch.Generator:
@@ -28,6 +31,15 @@ class BasePoints:
         self.face = face
         self.barycentric = barycentric
         self.batch = Batch(geometry.faces[face], barycentric, geometry.positions(face, barycentric))
+
+    def rows(self, start: int, end: int) -> BasePoints:
+        """Some of the rows, as views."""
+        if start == 0 and end >= len(self.face):
+            return self
+        part = copy.copy(self)
+        part.face, part.barycentric = self.face[start:end], self.barycentric[start:end]
+        part.batch = Batch(*(tensor[start:end] for tensor in self.batch))
+        return part
 
 
 def stratified(
@@ -55,20 +67,23 @@ def by_rejection(
     faces: list[Tensor] = []
     weights: list[Tensor] = []
     found, ceiling = 0, 0.0
+    areas = geometry.areas.cpu()
     while found < count:
-        candidate = torch.multinomial(geometry.areas.cpu(), count, replacement=True, generator=generator)
-        barycentric = _barycentric(count, generator)
-        candidate, barycentric = candidate.to(geometry.device), barycentric.to(geometry.device)
-        ratio = mapped_frame(parameters, geometry, candidate, barycentric).area_ratio
-        # The ceiling is the largest ratio seen: a later, larger one would only mean a slightly too even density.
-        ceiling = max(ceiling, float(ratio.max()), 1e-30)
-        keep = torch.rand(count, generator=generator).to(ratio.device) * ceiling < ratio
-        faces.append(candidate[keep])
+        face = torch.multinomial(areas, _CANDIDATES, replacement=True, generator=generator).sort().values
+        face, barycentric = face.to(geometry.device), _barycentric(_CANDIDATES, generator).to(geometry.device)
+        ratio = area_ratio(parameters, geometry, face, barycentric)
+        if not ceiling:
+            # Over the 99th percentile the density is cut off: one wild spot would otherwise reject everything else.
+            ceiling = float(ratio.quantile(0.99).clamp_min(1e-30))
+        keep = torch.rand(_CANDIDATES, generator=generator).to(ratio.device) * ceiling < ratio
+        faces.append(face[keep])
         weights.append(barycentric[keep])
         found += int(keep.sum())
-    face, barycentric = torch.cat(faces)[:count], torch.cat(weights)[:count]
-    order = torch.argsort(face, stable=True)
-    return BasePoints(geometry, face[order], barycentric[order])
+    # Candidates come sorted within a round: take an even share of each, not the first faces of the last.
+    face, barycentric = torch.cat(faces), torch.cat(weights)
+    chosen = torch.randperm(found, generator=generator)[:count].to(geometry.device)
+    chosen = chosen[torch.argsort(face[chosen], stable=True)]
+    return BasePoints(geometry, face[chosen], barycentric[chosen])
 
 
 def mapped_areas(geometry: BaseGeometry, parameters: Parameters) -> Float[Tensor, " f"]:

@@ -25,15 +25,28 @@ class Batch(NamedTuple):
     positions: Float[Tensor, "n 3"]
 
 
+_TILE = 8192
+
+
+def tile_size(batch: int, device: torch.device | str) -> int:
+    """Rows that a step takes at once: on the CPU few enough for the activations to stay in cache."""
+    return batch if torch.device(device).type != "cpu" else min(batch, _TILE)
+
+
 class FusedStep:
     """Forward and backward pass for batches of one size. Not re-entrant: one instance per thread."""
 
     def __init__(
-        self, shape: NetworkShape, batch: int, cycle_stride: int, device: torch.device | str = "cpu"
+        self,
+        shape: NetworkShape,
+        batch: int,
+        cycle_stride: int,
+        device: torch.device | str = "cpu",
+        gradient: Parameters | None = None,
     ) -> None:
         self.shape = shape
         cycle_batch = -(-batch // cycle_stride)
-        self.gradient = Parameters.zeros(shape, device)
+        self.gradient = gradient or Parameters.zeros(shape, device)
         self.mapped = torch.empty(batch, 3, device=device)
         self._matrix, self._phase = frequency_matrix(shape.encoding, device)
         self._forward = _Pass(shape, "forward", shape.feature_dim, batch, device)
@@ -65,18 +78,28 @@ class FusedStep:
         output_gradient: Float[Tensor, "n 3"],
         cycle_weight: float,
     ) -> Float[Tensor, ""]:
-        """Add the cycle loss's gradient to `output_gradient` (dL/dg), then fill `gradient`; returns the cycle loss.
+        """Add the whole gradient to `gradient` and return the mean cycle loss. Call `map` first.
 
-        The cycle loss is taken on every `cycle_stride`-th row (batches come sorted by face). Call `map` first.
+        `output_gradient` is dL/dg of the other losses and is changed. The cycle loss is taken on every
+        `cycle_stride`-th row (batches come sorted by face); `cycle_weight` multiplies its mean over this batch.
         """
-        self.gradient.flat.zero_()
         loss = self._cycle(parameters, batch.positions, output_gradient, cycle_weight)
+        self._pull_back(parameters, batch, output_gradient)
+        return loss
+
+    def identity(self, parameters: Parameters, batch: Batch, weight: float) -> None:
+        """Add the gradient of `weight` times both networks' mean squared distance from the identity (App. A.1)."""
+        residual = self.map(parameters, batch).sub_(batch.positions)
+        self._pull_back(parameters, batch, residual.mul_(2.0 * weight / len(residual)))
+        self.mapped.copy_(batch.positions)
+        self._cycle(parameters, batch.positions, torch.empty_like(batch.positions), weight)
+
+    def _pull_back(self, parameters: Parameters, batch: Batch, output_gradient: Tensor) -> None:
         into_features = self._forward.pull_back(parameters, self.gradient, output_gradient, self.shape.encoding.width)
         if self.shape.feature_dim:
             spread = self._corner_rows.view(-1, 3, self.shape.feature_dim)
             torch.mul(batch.barycentric[:, :, None], into_features[:, None, :], out=spread)
             self.gradient.features.index_add_(0, batch.corners.view(-1), self._corner_rows)
-        return loss
 
     def _cycle(self, parameters: Parameters, positions: Tensor, output_gradient: Tensor, weight: float) -> Tensor:
         stride = self._cycle_stride
@@ -122,13 +145,13 @@ class _Pass:
         return below
 
     def pull_back(self, parameters: Parameters, gradient: Parameters, above: Tensor, first_column: int) -> Tensor:
-        """Fill this network's gradient; return dL/d inputs[:, first_column:]."""
+        """Add to this network's gradient; return dL/d inputs[:, first_column:]."""
         layers = parameters.layers(self.network)
         slots = gradient.layers(self.network)
         for index in reversed(range(len(layers))):
             below = self.outputs[index - 1] if index else self.inputs
-            torch.mm(above.t(), below, out=slots[index][0])
-            torch.sum(above, 0, out=slots[index][1])
+            slots[index][0].addmm_(above.t(), below)
+            slots[index][1].add_(above.sum(0))
             weight = layers[index][0] if index else layers[0][0][:, first_column:]
             into = self.back[index] if index else self.back[0][:, first_column:]
             torch.mm(above, weight, out=into)

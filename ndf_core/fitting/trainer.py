@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import torch
@@ -18,7 +20,7 @@ from ndf_core.fitting.observer import Observer
 from ndf_core.fitting.optimizer import Optimizer, rate_factor
 from ndf_core.fitting.projection import BoxProjection, BoxProjector
 from ndf_core.fitting.sampling import BasePoints, by_rejection, generator_at, mapped_areas, stratified
-from ndf_core.fitting.step import FusedStep
+from ndf_core.fitting.step import FusedStep, tile_size
 
 _DENSITY_STEPS = 50
 """Steps between updates of the sampling density; the mapped areas settle within the first few."""
@@ -35,6 +37,11 @@ class Progress:
     converged: int = 0
     projected: int = 0
 
+    def add(self, other: Progress) -> None:
+        """Add a worker's losses."""
+        self.residual += other.residual
+        self.cycle += other.cycle
+
 
 class Trainer:
     """Trains `parameters` in place. Everything that decides the next step is in `state`, or a function of it."""
@@ -47,19 +54,25 @@ class Trainer:
         config: FitConfig,
         observer: Observer,
         anchors: Anchors | None = None,
+        threads: int = 1,
     ) -> None:
         self.parameters = parameters
         self.geometry = geometry
         self.step_count = 0
         self.projected = 0
         self.converged = 0
-        self._projector = projector
-        self._config = config
+        self.projector = projector
+        self.config = config
         self._observer = observer
-        self._anchors = anchors
+        self.anchors = anchors
         self._optimizer = Optimizer(parameters, config)
         self._density = geometry.areas
-        self._fused = FusedStep(parameters.shape, config.batch, config.cycle_stride, geometry.device)
+        # One worker per thread, each with whole torch operations on its own rows: unlike threads inside an operation
+        # these do not wait for each other forty times a step, which is what hurts on a busy machine.
+        workers = threads if torch.device(geometry.device).type == "cpu" else 1
+        self._slices = row_slices(config.batch, workers, tile_size(config.batch, geometry.device))
+        self._workers = [_Worker(self, slices) for slices in self._slices]
+        self._pool = ThreadPoolExecutor(len(self._workers) - 1) if len(self._workers) > 1 else None
         self._kept: BasePoints | None = None
 
     @property
@@ -94,7 +107,7 @@ class Trainer:
                 if now - report > _REPORT_SECONDS:
                     self._report(sums, until, now - report)
                     report, sums = now, Progress()
-                if now - saved > self._config.checkpoint_seconds and self._at_boundary():
+                if now - saved > self.config.checkpoint_seconds and self._at_boundary():
                     self._check_finite(sums)
                     save()
                     saved = now
@@ -109,32 +122,26 @@ class Trainer:
 
     def _at_boundary(self) -> bool:
         """Samples that are kept for some steps are not in the checkpoint: save only where new ones are drawn."""
-        return self.step_count % self._config.resample_every == 0
+        return self.step_count % self.config.resample_every == 0
 
     def _step(self, sums: Progress) -> None:
         base = self._samples()
-        mapped = self._fused.map(self.parameters, base.batch)
-        projection = self._project(base, mapped)
-        residual = mapped - projection.points
-        count = self._config.batch
-        loss = residual.square().sum() / count
-        output_gradient = residual.mul_(2.0 * self._config.loss.projection / count)
-        cycle = self._fused.backward(self.parameters, base.batch, output_gradient, self._config.loss.cycle)
-        extra = optional_gradient(
-            self.parameters, self.geometry, base, projection.normals, self._config.loss, self._anchors
-        )
-        if extra is not None:
-            self._fused.gradient.flat.add_(extra)
-        self._optimizer.step(self._fused.gradient, rate_factor(self._config, self.step_count))
+        waiting = [self._pool.submit(worker.gradient_of, base) for worker in self._workers[1:]] if self._pool else []
+        for part in [self._workers[0].gradient_of(base), *(future.result() for future in waiting)]:
+            sums.add(part)
+            self.projected += part.projected
+            self.converged += part.converged
+        gradient = self._workers[0].gradient
+        for worker in self._workers[1:]:
+            gradient.flat.add_(worker.gradient.flat)
+        self._optimizer.step(gradient, rate_factor(self.config, self.step_count))
         self.step_count += 1
-        sums.residual += float(loss)
-        sums.cycle += float(cycle)
         sums.steps += 1
         if sums.steps % 64 == 0:
             self._check_finite(sums)
 
     def _samples(self) -> BasePoints:
-        config, step = self._config, self.step_count
+        config, step = self.config, self.step_count
         if self._kept is not None and step % config.resample_every:
             return self._kept
         generator = generator_at(config.seed, step)
@@ -145,16 +152,6 @@ class Trainer:
                 self._density = mapped_areas(self.geometry, self.parameters)
             self._kept = stratified(self.geometry, self._density, config.batch, generator)
         return self._kept
-
-    def _project(self, base: BasePoints, mapped: Tensor) -> BoxProjection:
-        directions = None
-        if self._projector.needs_directions:
-            frame = mapped_frame(self.parameters, self.geometry, base.face, base.barycentric).frame
-            directions = frame.normal.detach()
-        projection = self._projector.project(mapped, directions)
-        self.projected += len(mapped)
-        self.converged += int(projection.converged.sum())
-        return projection
 
     def _check_finite(self, sums: Progress) -> None:
         if not (sums.residual < float("inf") and sums.cycle < float("inf")):
@@ -177,6 +174,62 @@ class Trainer:
             until,
             (sums.residual / sums.steps) ** 0.5,
             sums.cycle / sums.steps,
-            rate * self._config.batch,
+            rate * self.config.batch,
             (until - self.step_count) / rate,
         )
+
+
+def row_slices(batch: int, workers: int, tile: int) -> list[list[slice]]:
+    """Rows of the batch for each worker, in tiles of at most `tile` rows that differ by at most one in size."""
+    workers = min(workers, batch)
+    count = workers * -(-batch // (workers * tile))
+    edges = [batch * i // count for i in range(count + 1)]
+    tiles = [slice(start, end) for start, end in itertools.pairwise(edges)]
+    return [tiles[worker::workers] for worker in range(workers)]
+
+
+class _Worker:
+    """Gradient of the losses on some rows of each batch."""
+
+    def __init__(self, trainer: Trainer, slices: list[slice]) -> None:
+        self._trainer = trainer
+        self._slices = slices
+        parameters, device = trainer.parameters, trainer.geometry.device
+        sizes = {part.stop - part.start for part in slices}
+        self.gradient = Parameters.zeros(parameters.shape, device)
+        self._fused = {
+            n: FusedStep(parameters.shape, n, trainer.config.cycle_stride, device, self.gradient) for n in sizes
+        }
+
+    def gradient_of(self, base: BasePoints) -> Progress:
+        """Fill `gradient` with this worker's share of the batch's mean; return its share of the sums."""
+        self.gradient.flat.zero_()
+        sums = Progress()
+        for rows in self._slices:
+            self._add(base.rows(rows.start, rows.stop), sums)
+        return sums
+
+    def _add(self, base: BasePoints, sums: Progress) -> None:
+        trainer, weights = self._trainer, self._trainer.config.loss
+        parameters, count = trainer.parameters, len(base.face)
+        share = count / trainer.config.batch
+        fused = self._fused[count]
+        mapped = fused.map(parameters, base.batch)
+        projection = self._project(base, mapped)
+        sums.projected += count
+        sums.converged += int(projection.converged.sum())
+        residual = mapped - projection.points
+        sums.residual += float(residual.square().sum()) / trainer.config.batch
+        residual.mul_(2.0 * weights.projection / trainer.config.batch)
+        sums.cycle += share * float(fused.backward(parameters, base.batch, residual, share * weights.cycle))
+        extra = optional_gradient(parameters, trainer.geometry, base, projection.normals, weights, trainer.anchors)
+        if extra is not None:
+            self.gradient.flat.add_(extra, alpha=share)
+
+    def _project(self, base: BasePoints, mapped: Tensor) -> BoxProjection:
+        trainer = self._trainer
+        directions = None
+        if trainer.projector.needs_directions:
+            frame = mapped_frame(trainer.parameters, trainer.geometry, base.face, base.barycentric).frame
+            directions = frame.normal.detach()
+        return trainer.projector.project(mapped, directions)

@@ -1,0 +1,280 @@
+"""The whole way from a surface to an asset: base mesh, initialisation, training, quantising, measuring, writing."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+from torch import Tensor
+
+from ndf_core import __version__
+from ndf_core.asset.asset import Asset
+from ndf_core.asset.base_mesh_codec import decode_base_mesh
+from ndf_core.asset.content import AssetContent
+from ndf_core.base_mesh.quantise import EncodedBaseMesh, encode_base_mesh
+from ndf_core.config.fit import FitConfig
+from ndf_core.errors import ConfigError, ResumeError
+from ndf_core.fitting.anchors import place_anchors, read_anchors
+from ndf_core.fitting.checkpoint import checkpoint_path, read_checkpoint, write_checkpoint
+from ndf_core.fitting.geometry import BaseGeometry
+from ndf_core.fitting.identity import initial_parameters
+from ndf_core.fitting.measure import Accuracy, measure
+from ndf_core.fitting.observer import Observer, Silent
+from ndf_core.fitting.projection import BoxProjector
+from ndf_core.fitting.quantise import quantise
+from ndf_core.fitting.trainer import Trainer
+from ndf_core.interfaces import Remark, Surface
+from ndf_core.mesh import topology
+
+_NOT_IDENTITY = ("checkpoint_seconds", "device", "threads")
+"""Options that do not say what is fitted: they stay out of the asset."""
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """What `run_fit` returns."""
+
+    asset: Asset
+    report: dict[str, Any]
+    """JSON-ready: what `ndf fit --json` prints."""
+
+
+@dataclass
+class _Clock:
+    """Seconds per stage."""
+
+    observer: Observer
+    seconds: dict[str, float] = field(default_factory=dict[str, float])
+
+    @contextmanager
+    def stage(self, name: str) -> Generator[None]:
+        self.observer.stage(name)
+        start = time.perf_counter()
+        yield
+        self.seconds[name.replace(" ", "_")] = time.perf_counter() - start
+
+
+def run_fit(
+    surface: Surface,
+    config: FitConfig,
+    *,
+    output: Path | None = None,
+    resume: bool = False,
+    observer: Observer | None = None,
+) -> FitResult:
+    """Fit a base mesh and a displacement field to a surface.
+
+    Args:
+        surface: what `ndf_core.open` returned.
+        config: all options; `ndf_core.fit` builds it from keywords.
+        output: the asset to write; beside it lies a checkpoint while the fit runs. None keeps everything in memory.
+        resume: go on from that checkpoint where there is one.
+        observer: told about the progress.
+
+    Raises:
+        ConfigError: CUDA was asked for and is not there, or the anchors cannot be read.
+        BaseMeshError, FitError, ResumeError, OutputError: as they say.
+        KeyboardInterrupt: after a checkpoint has been written.
+    """
+    observer = observer or Silent()
+    device = _device(config)
+    threads = config.threads or os.cpu_count() or 1
+    before = torch.get_num_threads()
+    # Work is shared out by rows over our own threads; torch's would only wait for each other.
+    torch.set_num_threads(1 if device.type == "cpu" else before)
+    try:
+        return _Run(surface, config, output, observer, device, threads).run(resume)
+    finally:
+        torch.set_num_threads(before)
+
+
+def _device(config: FitConfig) -> torch.device:
+    if config.device == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("--device cuda: this torch sees no CUDA device; use --device cpu, or leave it out")
+    wanted = "cuda" if config.device == "auto" and torch.cuda.is_available() else config.device
+    return torch.device("cpu" if wanted == "auto" else wanted)
+
+
+class _Run:
+    """One fit."""
+
+    def __init__(
+        self,
+        surface: Surface,
+        config: FitConfig,
+        output: Path | None,
+        observer: Observer,
+        device: torch.device,
+        threads: int,
+    ) -> None:
+        self._surface, self._config, self._observer = surface, config, observer
+        self._output, self._device, self._threads = output, device, threads
+        self._clock = _Clock(observer)
+        self._remarks: tuple[Remark, ...] = ()
+
+    def run(self, resume: bool) -> FitResult:
+        config, clock = self._config, self._clock
+        pairs = read_anchors(Path(config.anchors)) if config.anchors else None
+        held = self._held(resume)
+        with clock.stage("base mesh"):
+            base = self._base_mesh(held)
+        geometry = BaseGeometry(base.vertices, base.faces, self._device)
+        projector = BoxProjector(self._surface.projector, base.center, base.scale)
+        anchors = None if pairs is None else place_anchors(pairs, geometry, base.center, base.scale)
+        with clock.stage("initialise"):
+            parameters = initial_parameters(geometry, config if held is None else _without_training(config))
+        trainer = Trainer(parameters, geometry, projector, config, self._observer, anchors, self._threads)
+        if held is not None:
+            trainer.load_state(held)
+            self._observer.message(f"resumed at step {trainer.step_count} of {config.steps}")
+        with clock.stage("train"):
+            trainer.run(config.steps, lambda: self._save(trainer, base))
+        with clock.stage("quantise"):
+            blocks = quantise(parameters, geometry, projector, config.seed, keep_inverse=config.keep_inverse)
+        content = AssetContent(base.vertices, base.faces, base.center, base.scale, blocks, {}, base.blob)
+        with clock.stage("measure"):
+            accuracy = self._measure(Asset(content))
+        asset = Asset(replace(content, provenance=self._provenance(accuracy, trainer)))
+        with clock.stage("write"):
+            size = self._write(asset)
+        return FitResult(asset, self._report(base, trainer, accuracy, size))
+
+    def _identity(self) -> dict[str, Any]:
+        """What a checkpoint must agree with."""
+        config = self._config.model_dump(exclude={"checkpoint_seconds"})
+        config["threads"], config["device"] = self._threads, self._device.type
+        return {
+            **config,
+            "representation": self._surface.representation,
+            "input": self._surface.fingerprint,
+            "ndf": __version__,
+            "torch": torch.__version__,
+        }
+
+    def _held(self, resume: bool) -> dict[str, Tensor] | None:
+        if not resume:
+            return None
+        if self._output is None:
+            raise ResumeError("resuming needs the output path that the interrupted run had")
+        path = checkpoint_path(self._output)
+        if not path.exists():
+            self._observer.message(f"no checkpoint {path.name}: starting from the beginning")
+            return None
+        return read_checkpoint(path, self._identity())
+
+    def _base_mesh(self, held: dict[str, Tensor] | None) -> EncodedBaseMesh:
+        if held is not None:
+            vertices, faces, bits = (int(n) for n in held["base.counts"])
+            blob = held["base.blob"].numpy().tobytes()
+            points, triangles = decode_base_mesh(blob, vertices, faces)
+            center, scale = held["base.center"].numpy(), float(held["base.scale"])
+            return EncodedBaseMesh(blob, points, triangles, center, scale, bits)
+        mesh = self._surface.base_mesh.extract(self._config.faces, self._config.seed)
+        self._remarks = mesh.remarks
+        for remark in mesh.remarks:
+            self._observer.message(remark.message)
+        return encode_base_mesh(mesh)
+
+    def _save(self, trainer: Trainer, base: EncodedBaseMesh) -> None:
+        if self._output is None:
+            return
+        tensors = {
+            **trainer.state,
+            "base.blob": torch.frombuffer(bytearray(base.blob), dtype=torch.uint8),
+            "base.counts": torch.tensor([len(base.vertices), len(base.faces), base.bits]),
+            "base.center": torch.from_numpy(np.asarray(base.center, dtype=np.float64)),
+            "base.scale": torch.tensor(base.scale, dtype=torch.float64),
+        }
+        write_checkpoint(checkpoint_path(self._output), tensors, self._identity())
+
+    def _measure(self, asset: Asset) -> Accuracy:
+        """Error of the field as a client decodes it, with samples that training has not seen."""
+        content, threads = asset.content, self._threads
+        inverse = asset.evaluator("inverse") if "inverse" in content.fields else None
+
+        def base_points(faces: Int[Array, " n"], barycentric: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+            return np.einsum("nc,ncx->nx", barycentric, content.vertices[content.faces[faces]])
+
+        return measure(
+            lambda faces, barycentric: asset.evaluate(faces, barycentric, threads=threads),
+            len(content.faces),
+            self._surface,
+            content.center,
+            content.scale,
+            base_points,
+            None if inverse is None else (lambda points: inverse.at_points(points, threads)),
+            seed=self._config.seed + 1,
+            threads=threads,
+        )
+
+    def _provenance(self, accuracy: Accuracy, trainer: Trainer) -> dict[str, Any]:
+        defaults = FitConfig.model_validate({}).model_dump()
+        config = self._config.model_dump(exclude=set(_NOT_IDENTITY))
+        error = accuracy.as_dict()
+        error["trained_converged"] = trainer.converged / max(trainer.projected, 1)
+        return {
+            "ndf": __version__,
+            "torch": torch.__version__,
+            "representation": self._surface.representation,
+            "input": self._surface.fingerprint[:32],
+            "config": {key: value for key, value in config.items() if value != defaults[key]},
+            "error": _rounded(error),
+        }
+
+    def _write(self, asset: Asset) -> int:
+        if self._output is None:
+            return asset.size
+        size = asset.save(self._output)
+        checkpoint_path(self._output).unlink(missing_ok=True)
+        return size
+
+    def _report(self, base: EncodedBaseMesh, trainer: Trainer, accuracy: Accuracy, size: int) -> dict[str, Any]:
+        counts = topology(base.faces, len(base.vertices))
+        side = 3.0 * base.scale
+        seconds = {name: round(value, 4) for name, value in self._clock.seconds.items()}
+        seconds["total"] = round(sum(self._clock.seconds.values()), 4)
+        return {
+            "representation": self._surface.representation,
+            "seconds": seconds,
+            "steps": trainer.step_count,
+            "base_mesh": {
+                "faces": counts.faces,
+                "vertices": counts.vertices,
+                "genus": counts.genus,
+                "components": counts.components,
+                "remarks": [
+                    {"kind": r.kind, "message": r.message, "position": r.position, "size": r.size, "count": r.count}
+                    for r in self._remarks
+                ],
+            },
+            "projection_rms": accuracy.field_to_surface.rms * side,
+            "projection_rms_relative": accuracy.field_to_surface.rms,
+            "converged": trainer.converged / max(trainer.projected, 1) if trainer.projected else accuracy.converged,
+            "cycle_loss": accuracy.cycle_loss,
+            "asset_bytes": size,
+            "longest_side": side,
+            "error": accuracy.as_dict(),
+            "device": self._device.type,
+            "threads": self._threads,
+        }
+
+
+def _without_training(config: FitConfig) -> FitConfig:
+    """A resumed run takes its parameters from the checkpoint: no need to train the identity again."""
+    return config.model_copy(update={"identity_steps": 0})
+
+
+def _rounded(value: Any) -> Any:
+    """Numbers to four significant digits, for a header of few bytes."""
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    return float(f"{value:.4g}") if isinstance(value, float) else value
