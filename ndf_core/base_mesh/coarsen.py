@@ -9,8 +9,9 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.base_mesh.checks import check_base_mesh
-from ndf_core.base_mesh.intersections import intersection_remark, self_intersections
+from ndf_core.base_mesh.intersections import intersecting_area, intersection_remark, self_intersections
 from ndf_core.base_mesh.split import even_edge_length, split_long_edges
+from ndf_core.base_mesh.untangle import untangle
 from ndf_core.errors import BaseMeshError
 from ndf_core.interfaces import BaseMesh, Remark
 from ndf_core.kernels.decimate import Decimated, decimate
@@ -18,9 +19,12 @@ from ndf_core.mesh import topology
 
 SPLIT = 0.5
 """Edges longer than this many even edge lengths of the base mesh are halved first."""
-RETRIES = 6
+RETRIES = 5
+"""Decimations that may be tried to be rid of self-intersections; one where the input has many of its own."""
 EMPHASIS = 8.0
 """Factor on the error around a self-intersection in each retry, so that more faces stay there."""
+UNDONE_AREA = 0.001
+"""Self-intersections of the input in a smaller share of its area are treated like those that decimation makes."""
 
 
 def coarsen(
@@ -50,54 +54,70 @@ def coarsen(
     vertices, faces = split_long_edges(
         vertices, faces, SPLIT * even_edge_length(vertices, faces, max_faces), 4 * len(faces) + 40 * max_faces
     )
-    result, found = _without_new_intersections(vertices, faces, max_faces)
-    mesh = BaseMesh(result.vertices, result.faces, (*remarks, *found))
-    check_base_mesh(
-        mesh, closed=dense.closed, euler_characteristic=dense.euler_characteristic, components=dense.components
-    )
-    if len(result.faces) > max_faces:
-        mesh = BaseMesh(result.vertices, result.faces, (*mesh.remarks, _not_reached(len(result.faces), max_faces)))
-    return mesh
+    target = max_faces
+    while True:
+        mesh = _without_new_intersections(vertices, faces, target)
+        try:
+            check_base_mesh(
+                mesh,
+                closed=dense.closed,
+                euler_characteristic=dense.euler_characteristic,
+                components=dense.components,
+            )
+            break
+        except BaseMeshError:
+            # So few faces that a component turned inside out or lost its volume: allow it more.
+            if target >= len(faces):
+                raise
+            target += max(4, target // 2)
+    found = (*remarks, *mesh.remarks)
+    if len(mesh.faces) > max_faces:
+        found = (*found, _not_reached(len(mesh.faces), max_faces))
+    return BaseMesh(mesh.vertices, mesh.faces, found)
 
 
 def _not_reached(reached: int, max_faces: int) -> Remark:
     message = (
         f"{reached} faces were reached, {max_faces} asked for: with fewer, the base mesh would lose a handle or a "
-        f"component, fold over or get faces without area"
+        f"component, turn inside out, fold over or get faces without area"
     )
     return Remark(kind="faces_not_reached", message=message, count=reached)
 
 
-def _without_new_intersections(
-    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], max_faces: int
-) -> tuple[Decimated, list[Remark]]:
-    """Decimate; where the result runs through itself and the input does not, again with more faces there."""
-    best = decimate(vertices, faces, max_faces)
-    pairs = self_intersections(best.vertices, best.faces)
-    if not len(pairs):
-        return best, []
-    inherited = np.unique(faces[np.unique(self_intersections(vertices, faces))])
-    fewest, best_pairs, result = len(_new_pairs(best, pairs, inherited)), pairs, best
-    weights = np.ones(len(vertices))
-    for _ in range(RETRIES):
-        new = _new_pairs(result, pairs, inherited)
+def _without_new_intersections(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], max_faces: int) -> BaseMesh:
+    """Decimate; where the result runs through itself and the input does not, untangle it, or decimate again with more
+    faces there."""
+    weights, attempts = np.ones(len(vertices)), list[tuple[int, BaseMesh]]()
+    inherited: Int[Array, " n"] | None = None
+    while len(attempts) < (RETRIES if inherited is None or not len(inherited) else 1):
+        result = decimate(vertices, faces, max_faces, weights=weights)
+        points, pairs = result.vertices, self_intersections(result.vertices, result.faces)
+        if len(pairs) and inherited is None:
+            inherited = _inherited(vertices, faces)
+        new = pairs if inherited is None else _new_pairs(result, pairs, inherited)
+        if len(new) == len(pairs):
+            points, pairs = untangle(points, result.faces, pairs)
+            new = pairs
+        remarks = [intersection_remark(points, result.faces, pairs, "the base mesh")] if len(pairs) else []
+        attempts.append((len(new), BaseMesh(points, result.faces, tuple(remarks))))
         if not len(new):
             break
         weights[np.isin(result.cluster, _neighbourhood(result.faces, np.unique(new)))] *= EMPHASIS
-        result = decimate(vertices, faces, max_faces, weights=weights)
-        pairs = self_intersections(result.vertices, result.faces)
-        count = len(_new_pairs(result, pairs, inherited))
-        if count < fewest:
-            fewest, best_pairs, best = count, pairs, result
-    if not len(best_pairs):
-        return best, []
-    return best, [intersection_remark(best.vertices, best.faces, best_pairs, "the base mesh")]
+    return min(attempts, key=lambda attempt: attempt[0])[1]
+
+
+def _inherited(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Int[Array, " n"]:
+    """Vertices where the input intersects itself so much that the base mesh may; in a few faces it can be undone."""
+    pairs = self_intersections(vertices, faces)
+    if intersecting_area(vertices, faces, pairs) <= UNDONE_AREA:
+        return np.zeros(0, dtype=np.int64)
+    return np.unique(faces[np.unique(pairs)]).astype(np.int64)
 
 
 def _new_pairs(result: Decimated, pairs: Int[Array, "k 2"], inherited: Int[Array, " n"]) -> Int[Array, "l 2"]:
     """Pairs that touch no place where the input intersects itself; `inherited`: vertices of the input there."""
     old = np.isin(result.faces, result.cluster[inherited]).any(axis=1)
-    return pairs[~(old[pairs].any(axis=1))]
+    return pairs[np.logical_not(old[pairs].any(axis=1))]
 
 
 def _neighbourhood(faces: Int[Array, "f 3"], some: Int[Array, " k"]) -> Int[Array, " n"]:

@@ -37,15 +37,15 @@ def drop_crumbs(
         return vertices, faces, []
     cavity = component_volumes(vertices, faces) < 0
     remarks = [
-        *_remarks("dropped_component", "a component is left out", small & ~cavity, sizes, 0.5 * (low + high), min_size),
+        *_remarks(
+            "dropped_component", "a component is left out", small & ~cavity, sizes, 0.5 * (low + high), min_size
+        ),
         *_remarks("filled_cavity", "a cavity is filled", small & cavity, sizes, 0.5 * (low + high), min_size),
     ]
     return *compact(vertices, faces[~small[label]]), remarks
 
 
-def compact(
-    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]
-) -> tuple[Float[Array, "w 3"], Int[Array, "f 3"]]:
+def compact(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> tuple[Float[Array, "w 3"], Int[Array, "f 3"]]:
     """Without the vertices that no face uses; the order stays."""
     used, renumbered = np.unique(faces, return_inverse=True)
     return vertices[used], renumbered.reshape(-1, 3).astype(np.int32)

@@ -101,5 +101,3 @@ def _fill(loop: tuple[int, ...]) -> list[tuple[int, int, int]] | None:
 def _in_one_face(one: int, other: int) -> bool:
     corners = {*EDGES[one], *EDGES[other]}
     return any(corners <= set(outline) for outline in _outlines())
-
-

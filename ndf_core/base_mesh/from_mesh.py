@@ -104,9 +104,7 @@ class MeshExtractor(BaseMeshExtractor):
         return coarsen(dense[0], dense[1], max_faces, remarks=remarks)
 
 
-def _outwards(
-    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]
-) -> tuple[Int[Array, "f 3"], list[Remark]]:
+def _outwards(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> tuple[Int[Array, "f 3"], list[Remark]]:
     """Turn round the components that are inside out; a mesh that is so as a whole is turned round as a whole."""
     remarks: list[Remark] = []
     if signed_volume(vertices, faces) < 0:
@@ -117,7 +115,9 @@ def _outwards(
         rows = np.isin(face_components(faces, len(vertices)), wrong)
         faces = faces.copy()
         faces[rows] = faces[rows][:, ::-1]
-        remarks.append(Remark("flipped", f"{len(wrong)} components were inside out and are turned round", count=len(wrong)))
+        remarks.append(
+            Remark("flipped", f"{len(wrong)} components were inside out and are turned round", count=len(wrong))
+        )
     return faces, remarks
 
 

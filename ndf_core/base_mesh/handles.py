@@ -82,9 +82,7 @@ def _right_of(faces: Int[Array, "f 3"], loop: tuple[int, ...]) -> dict[int, list
     return found
 
 
-def _smooth(
-    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], free: Int[Array, " n"]
-) -> Float[Array, "v 3"]:
+def _smooth(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], free: Int[Array, " n"]) -> Float[Array, "v 3"]:
     """Move the `free` vertices to the means of their neighbours, a few times."""
     near = faces[np.isin(faces, free).any(axis=1)]
     pairs = np.unique(np.concatenate([near[:, [i, j]] for i in range(3) for j in range(3) if i != j]), axis=0)

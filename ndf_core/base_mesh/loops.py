@@ -113,9 +113,7 @@ def _signatures(graph: _Graph) -> dict[int, int]:
     return {index: bits for index, bits in crossing.items() if bits}
 
 
-def _rooted(
-    tree: csr_array, count: int
-) -> tuple[Int[Array, " f"], Int[Array, " f"], Int[Array, " f"]]:
+def _rooted(tree: csr_array, count: int) -> tuple[Int[Array, " f"], Int[Array, " f"], Int[Array, " f"]]:
     """Parent of each node of a forest, the edge to it (stored as weight - 1) and the depth."""
     _, label = connected_components(tree, directed=False)
     parent, depth = np.full(count, -1), np.zeros(count, dtype=np.int64)
