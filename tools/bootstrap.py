@@ -17,6 +17,8 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parent.parent
 VENV = REPOSITORY / ".venv"
 STAMP = VENV / "ndf-stamp"
+BASE_STAMP = VENV / "ndf-base-stamp"
+"""Of the part that survives when a project or a C source changes: the interpreter and torch."""
 CONSTRAINTS = REPOSITORY / "constraints.txt"
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"
 OLDEST = (3, 11)
@@ -32,9 +34,12 @@ def main() -> int:
     if missing:
         print("\n".join(["This machine lacks:", *missing]), file=sys.stderr)
         return 1
-    # --clear: a .venv that failed half-way, or was made by another Python, is worth nothing.
-    run(sys.executable, "-m", "venv", "--clear", str(VENV))
-    install_torch()
+    base = base_fingerprint()
+    if not (BASE_STAMP.is_file() and BASE_STAMP.read_text() == base):
+        # --clear: a .venv that failed half-way, or was made by another Python, is worth nothing.
+        run(sys.executable, "-m", "venv", "--clear", str(VENV))
+        install_torch()
+        BASE_STAMP.write_text(base)
     packages = [f"{REPOSITORY}[fit,dev]", *(str(path.parent) for path in plugin_projects())]
     say("installing ndf and what it needs (a few minutes the first time)")
     run(*pip("install"), *(word for package in packages for word in ("--editable", package)))
@@ -61,12 +66,21 @@ def plugin_projects():
 
 def fingerprint() -> str:
     """Of all that decides what .venv must hold: projects, constraints, C sources, this script, the Python."""
-    files = [REPOSITORY / name for name in ("pyproject.toml", "setup.py", "constraints.txt")]
-    files += [*plugin_projects(), *sorted(REPOSITORY.glob("ndf_core/kernels/src/*")), Path(__file__)]
-    digest = hashlib.sha256(f"{sys.version} {sys.base_prefix} {REPOSITORY}".encode())
+    files = [REPOSITORY / name for name in ("pyproject.toml", "setup.py")]
+    files += [*plugin_projects(), *sorted(REPOSITORY.glob("ndf_core/kernels/src/*"))]
+    return digest(base_fingerprint(), files)
+
+
+def base_fingerprint() -> str:
+    files = [REPOSITORY / "constraints.txt", Path(__file__)]
+    return digest(f"{sys.version} {sys.base_prefix} {REPOSITORY}", files)
+
+
+def digest(start: str, files) -> str:
+    found = hashlib.sha256(start.encode())
     for path in files:
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
+        found.update(path.name.encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()
 
 
 def missing_from_system():

@@ -71,11 +71,13 @@ def test_a_change_of_anything_that_was_installed_starts_again(
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("one")
     monkeypatch.setattr(bootstrap, "REPOSITORY", tmp_path)
-    before = bootstrap.fingerprint()
+    monkeypatch.setattr(bootstrap, "CONSTRAINTS", tmp_path / "constraints.txt")
+    before, base = bootstrap.fingerprint(), bootstrap.base_fingerprint()
     (tmp_path / "ndf_core/mesh.py").write_text("two")
     assert bootstrap.fingerprint() == before, "editable: Python sources need no reinstall"
     (tmp_path / changed).write_text("two")
     assert bootstrap.fingerprint() != before
+    assert (bootstrap.base_fingerprint() == base) is (changed != "constraints.txt"), "torch stays"
 
 
 @pytest.mark.parametrize(
