@@ -6,7 +6,7 @@ import json
 import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -45,7 +45,7 @@ class AnalyticConfig(BaseModel):
     )
 
     @model_validator(mode="after")
-    def _is_box(self) -> Self:
+    def _is_box(self) -> AnalyticConfig:
         if self.bounds is not None and not all(low < high for low, high in zip(*self.bounds, strict=True)):
             raise ValueError("bounds: each coordinate of the first corner must be below that of the second")
         return self

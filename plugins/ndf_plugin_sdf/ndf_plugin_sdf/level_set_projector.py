@@ -9,13 +9,9 @@ from torch import Tensor
 from ndf_core.errors import InputError
 from ndf_core.interfaces import Projection, Projector
 from ndf_plugin_sdf.implicit_field import ImplicitField
-from ndf_plugin_sdf.newton import Landing, land
+from ndf_plugin_sdf.newton import TOLERANCE, Landing, land
 
-GOAL = 1e-10
-"""Rows go on until |phi| / |grad phi| is below this share of the size, or stands still."""
-TOLERANCE = 1e-6
-"""They count as converged below this: what a field computed in single precision can reach."""
-MOST_STEPS = 60
+MOST_STEPS = 40
 MOST_CORRECTING_STEPS = 20
 WORTH_CORRECTING = 1e-6
 """Tangential offsets below this share of the size are left alone: a hundredth of the error of a good fit."""
@@ -47,7 +43,7 @@ class LevelSetProjector(Projector):
         if not bool(query.isfinite().all()):
             row = int((~query.isfinite().all(dim=1)).nonzero()[0])
             raise InputError(f"cannot project query point {row}: a coordinate is not finite")
-        landing = land(self._field, query, GOAL * self._size, self._size, MOST_STEPS)
+        landing = land(self._field, query, self._size, MOST_STEPS)
         landing = self._corrected(query, landing)
         found, gradients = landing.points, landing.gradients
         lower, upper = (query.new_tensor(end) for end in (self._field.bounds.lower, self._field.bounds.upper))
@@ -74,7 +70,7 @@ class LevelSetProjector(Projector):
             if not len(rows):
                 break
             start = best.points[rows] + offset
-            trial = land(self._field, start, GOAL * self._size, self._size, MOST_CORRECTING_STEPS)
+            trial = land(self._field, start, self._size, MOST_CORRECTING_STEPS)
             nearer = trial.errors <= TOLERANCE * self._size
             nearer &= _distance(query[rows], trial.points) < _distance(query[rows], best.points[rows])
             damping[rows] = torch.where(nearer, damping[rows], 0.5 * damping[rows])

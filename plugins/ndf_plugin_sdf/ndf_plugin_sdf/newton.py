@@ -11,9 +11,15 @@ from torch import Tensor
 
 from ndf_plugin_sdf.implicit_field import ImplicitField
 
-_SMALLEST_DAMPING = 2.0**-12
+GOAL = 1e-10
+"""Rows go on until |phi| / |grad phi| is below this share of the size, or stands still."""
+TOLERANCE = 1e-6
+"""They count as landed below this: what a field computed in single precision can reach."""
+
+_SMALLEST_DAMPING = 2.0**-8
 _FLAT = 1e-7
 """Gradients below this share of the Lipschitz bound give no direction (centres, axes)."""
+_MOST_KICKS = 3
 _KINK = 0.9
 """Cosine between neighbouring gradients below which an edge is taken to lie between them."""
 
@@ -46,24 +52,27 @@ class _State:
     other_offset: Float[Tensor, " m"]
     """That point's tangent plane is where other . x + other_offset vanishes."""
     at_kink: Bool[Tensor, " m"]
+    kicks: Float[Tensor, " m"]
+    """How often the row was stuck and has been moved off."""
 
     def select(self, rows: Int[Tensor, " k"] | Bool[Tensor, " m"]) -> _State:
         return _State(**{name: value[rows] for name, value in vars(self).items()})
 
 
-def land(field: ImplicitField, start: Float[Tensor, "n 3"], goal: float, size: float, most_steps: int) -> Landing:
+def land(field: ImplicitField, start: Float[Tensor, "n 3"], size: float, most_steps: int) -> Landing:
     """Move every point to the zero set along the gradient.
 
     Each step is Newton's, -phi g / |g|^2, shortened until |phi| falls in proportion. Where that fails or is slow and
     the gradient has turned, an edge lies between two points seen: then the step goes to the nearest point of both
     tangent planes at once, which is on the edge if its faces are flat. Points without a gradient (the centre of a
-    ball) are moved a little first. A row stops when |phi| / |g| <= `goal`, or when no step helps.
+    ball) are moved a little first, and so are points where no step helps (on a medial axis the gradient may run along
+    it). A row stops when |phi| / |g| reaches `GOAL`, when no step helps below `TOLERANCE`, or when it has been moved so
+    too often.
 
     Args:
         field: phi.
         start: where to begin.
-        goal: length at which a row is done.
-        size: longest side of the surface; steps are at most a quarter of it.
+        size: longest side of the surface, which tolerances are shares of; steps are at most a quarter of it.
         most_steps: most evaluations per row.
     """
     values, gradients = field.values_and_gradients(start)
@@ -72,10 +81,13 @@ def land(field: ImplicitField, start: Float[Tensor, "n 3"], goal: float, size: f
     state = _State(
         *(start.clone(), values, gradients, torch.ones_like(values)),
         *(torch.zeros_like(start), torch.zeros_like(values), torch.zeros_like(values, dtype=torch.bool)),
+        torch.zeros_like(values),
     )
     for _ in range(most_steps):
         slope = state.gradients.square().sum(dim=1).sqrt()
-        going = (state.values.abs() > goal * slope) & (state.damping > _SMALLEST_DAMPING)
+        stuck = state.damping <= _SMALLEST_DAMPING
+        going = state.values.abs() > size * slope * torch.where(stuck, TOLERANCE, GOAL)
+        going &= state.kicks <= _MOST_KICKS
         going &= state.values.isfinite() & slope.isfinite()
         if not bool(going.all()):
             rows, state = rows[going], state.select(going)
@@ -89,6 +101,7 @@ def land(field: ImplicitField, start: Float[Tensor, "n 3"], goal: float, size: f
 
 def _step(field: ImplicitField, state: _State, size: float) -> _State:
     flat = state.gradients.square().sum(dim=1) < (_FLAT * field.lipschitz) ** 2
+    flat |= state.damping <= _SMALLEST_DAMPING
     move = torch.where(state.at_kink[:, None], _to_both_planes(state), _newton(state))
     length = move.square().sum(dim=1, keepdim=True).sqrt()
     damping = torch.where(state.at_kink, 1.0, state.damping)
@@ -111,10 +124,11 @@ def _step(field: ImplicitField, state: _State, size: float) -> _State:
         points=torch.where(accepted[:, None], trial, state.points),
         values=torch.where(accepted, values, state.values),
         gradients=torch.where(accepted[:, None], gradients, state.gradients),
-        damping=torch.where(accepted, (2.0 * state.damping).clamp_max(1.0), shorter),
+        damping=torch.where(flat, 1.0, torch.where(accepted, (2.0 * state.damping).clamp_max(1.0), shorter)),
         other=other,
         other_offset=offset - (other * place).sum(dim=1),
-        at_kink=at_kink,
+        at_kink=at_kink & ~flat,
+        kicks=state.kicks + flat,
     )
 
 

@@ -20,10 +20,11 @@ from ndf_core.errors import InputError
 from ndf_plugin_sdf.implicit_field import ImplicitField
 
 _LINES = 16_384
-_SHORTEST_STEP = 1.0 / 2048.0
+_SHORTEST_STEP = 1.0 / 1024.0
 """Share of the size: two crossings of a line that are nearer to each other may both be missed."""
 _MOST_BATCHES = 2000
 _HALVINGS = 60
+_PRECISION = 1e-12
 
 
 class _Segments(NamedTuple):
@@ -106,19 +107,20 @@ def _crossings(field: ImplicitField, lines: _Segments) -> _Segments:
 
 
 def _bisected(field: ImplicitField, segments: _Segments) -> Float[Tensor, "m 3"]:
-    """The zero on each segment, by regula falsi with Illinois' weights and bisection where that lags."""
+    """The zero on each segment, by regula falsi with Illinois' weights and a bisection every third turn."""
     low, high = segments.start, segments.end
     below, above = field.values(segments.at(low)), field.values(segments.at(high))
-    goal = 1e-13 * field.bounds.longest_side
-    best = low
+    best, residual = low, below.abs()
     for turn in range(_HALVINGS):
-        if not len(low) or bool(((high - low).abs() <= goal).all()):
+        if not bool((residual > _PRECISION * field.lipschitz * field.bounds.longest_side).any()):
             break
         secant = low + (high - low) * (below / (below - above)).clamp(0.0, 1.0)
-        best = secant if turn % 3 < 2 else 0.5 * (low + high)
-        value = field.values(segments.at(best))
+        middle = secant if turn % 3 < 2 else 0.5 * (low + high)
+        value = field.values(segments.at(middle))
+        better = value.abs() < residual
+        best, residual = torch.where(better, middle, best), torch.where(better, value.abs(), residual)
         same = (value < 0) == (below < 0)
         # Halving the value at the end that stays keeps the secant from creeping.
         above, below = torch.where(same, 0.5 * above, value), torch.where(same, value, 0.5 * below)
-        low, high = torch.where(same, best, low), torch.where(same, high, best)
+        low, high = torch.where(same, middle, low), torch.where(same, high, middle)
     return segments.at(best)

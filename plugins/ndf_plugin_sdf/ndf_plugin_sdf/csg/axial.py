@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 import torch
@@ -25,7 +25,7 @@ class Torus(Primitive):
     axis: Vector = Field((0.0, 0.0, 1.0), description="axis of revolution, of any length")
 
     @model_validator(mode="after")
-    def _is_ring(self) -> Self:
+    def _is_ring(self) -> Torus:
         if not any(self.axis):
             raise ValueError("axis must not be zero")
         if self.minor_radius >= self.major_radius:
@@ -47,7 +47,7 @@ class _Bar(Primitive):
     end: Vector = Field(description="other end of the axis")
 
     @model_validator(mode="after")
-    def _has_length(self) -> Self:
+    def _has_length(self) -> _Bar:
         if self.height < 1e-12:
             raise ValueError("start and end must differ")
         return self

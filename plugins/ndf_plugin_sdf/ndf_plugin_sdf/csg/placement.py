@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 import torch
@@ -33,7 +33,7 @@ class Translate(Modifier):
 
 
 class Rotate(Modifier):
-    """The child, turned about the origin: by `angle` about `axis`, or by `euler` about x, y, z (fixed, in this order)."""
+    """The child, turned about the origin: by `angle` about `axis`, or by `euler` about x, y, z in this order."""
 
     type: Literal["rotate"]
     axis: Vector | None = Field(
@@ -44,7 +44,7 @@ class Rotate(Modifier):
     unit: Literal["degrees", "radians"] = Field("degrees", description="unit of `angle` and `euler`")
 
     @model_validator(mode="after")
-    def _is_one_turn(self) -> Self:
+    def _is_one_turn(self) -> Rotate:
         by_axis = self.axis is not None and self.angle is not None
         if by_axis == (self.euler is not None) or (self.axis is None) != (self.angle is None):
             raise ValueError("give either axis and angle, or euler")

@@ -2,8 +2,8 @@
 
 Which copies can be nearest follows from the child's box. Copies differ by a shift along the axes (or a turn about z),
 and of all copies of one child point c the nearest to x is the one whose number is (x - c) / spacing, rounded: as c
-runs through the box, that names a short interval of numbers. Evaluating those makes the sign exact, makes the field of
-a child with an exact distance the exact distance outside, and keeps |field(x)| <= L * (distance of x to the surface)
+runs through the box, that names a short interval of numbers. Evaluating those makes the sign exact, makes the field
+of a child with an exact distance the exact distance outside, and keeps |field(x)| <= L * (distance of x to the surface)
 for any child with Lipschitz bound L: for each point of the surface, a candidate has its copy of it at least as near.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -57,7 +57,7 @@ class Repeat(_Copies):
     spacing: Lengths = Field(description="distance between neighbouring copies along x, y and z")
 
     @model_validator(mode="after")
-    def _is_bounded(self) -> Self:
+    def _is_bounded(self) -> Repeat:
         if math.prod(self._candidates) > MOST_CANDIDATES:
             raise ValueError(f"each point is near more than {MOST_CANDIDATES} copies; take a wider spacing")
         return self
@@ -109,7 +109,7 @@ class RepeatAround(_Copies):
     count: Count = Field(description="number of copies")
 
     @model_validator(mode="after")
-    def _is_bounded(self) -> Self:
+    def _is_bounded(self) -> RepeatAround:
         if self._candidates[1] > MOST_CANDIDATES:
             raise ValueError(f"each point is near more than {MOST_CANDIDATES} copies; move the child off the z axis")
         return self

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -52,7 +52,7 @@ class RoundedBox(Primitive):
     center: Vector = Field(ORIGIN, description="centre")
 
     @model_validator(mode="after")
-    def _fits(self) -> Self:
+    def _fits(self) -> RoundedBox:
         if self.radius > min(self.size) / 2:
             raise ValueError(f"radius {self.radius:g} is more than half of the shortest side, {min(self.size):g}")
         return self
@@ -74,7 +74,7 @@ class Plane(Primitive):
     offset: Number = Field(0.0, description="distance of the plane from the origin along the normal")
 
     @model_validator(mode="after")
-    def _has_direction(self) -> Self:
+    def _has_direction(self) -> Plane:
         if not any(self.normal):
             raise ValueError("normal must not be zero")
         return self
