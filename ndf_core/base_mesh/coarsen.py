@@ -116,7 +116,7 @@ def _inherited(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Int[A
 
 def _new_pairs(result: Decimated, pairs: Int[Array, "k 2"], inherited: Int[Array, " n"]) -> Int[Array, "l 2"]:
     """Pairs that touch no place where the input intersects itself; `inherited`: vertices of the input there."""
-    old = np.isin(result.faces, result.cluster[inherited]).any(axis=1)
+    old = np.asarray(np.isin(result.faces, result.cluster[inherited]).any(axis=1))
     return pairs[np.logical_not(old[pairs].any(axis=1))]
 
 

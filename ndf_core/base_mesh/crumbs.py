@@ -36,11 +36,10 @@ def drop_crumbs(
     if not small.any():
         return vertices, faces, []
     cavity = component_volumes(vertices, faces) < 0
+    middles = 0.5 * (low + high)
     remarks = [
-        *_remarks(
-            "dropped_component", "a component is left out", small & ~cavity, sizes, 0.5 * (low + high), min_size
-        ),
-        *_remarks("filled_cavity", "a cavity is filled", small & cavity, sizes, 0.5 * (low + high), min_size),
+        *_remarks("dropped_component", "a component is left out", small & ~cavity, sizes, middles, min_size),
+        *_remarks("filled_cavity", "a cavity is filled", small & cavity, sizes, middles, min_size),
     ]
     return *compact(vertices, faces[~small[label]]), remarks
 

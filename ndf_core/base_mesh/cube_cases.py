@@ -3,8 +3,9 @@
 Corner c of a cell has the offsets (c & 1, c >> 1 & 1, c >> 2 & 1); a case is the set of its corners inside. On each
 face of the cell, every run of inside corners along the face's outline is cut off by one segment. Two cells that share
 a face see the same corners there and draw the same segments, so the surface has no gaps. The segments close up to
-polygons, which are cut into triangles along diagonals that do not lie in a face of the cell: a diagonal in a face could
-meet one of the next cell, and their common edge would have four triangles. Hence the surface is manifold in every case.
+polygons, which are cut into triangles along diagonals that do not lie in a face of the cell: a diagonal in a face
+could meet one of the next cell, and their common edge would have four triangles. Hence the surface is manifold in
+every case.
 
 Reference:
     Lorensen and Cline 1987; Montani, Scateni and Scopigno 1994 (the rule that keeps inside corners apart).
@@ -46,8 +47,8 @@ def _outlines() -> list[tuple[int, int, int, int]]:
     for axis, side in product(range(3), range(2)):
         u, v = 1 << (axis + 1) % 3, 1 << (axis + 2) % 3
         base = side << axis
-        outline = (base, base | u, base | u | v, base | v)
-        faces.append(outline if side else outline[::-1])
+        first, last = (u, v) if side else (v, u)
+        faces.append((base, base | first, base | u | v, base | last))
     return faces
 
 

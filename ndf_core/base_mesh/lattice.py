@@ -65,7 +65,7 @@ class Lattice:
 
     def within(self, index: Int[Array, "n 3"]) -> Bool[Array, " n"]:
         """Whether corners lie in the bounds, the border included."""
-        return ((index >= 1) & (index <= self.inner + 1)).all(axis=1)
+        return np.asarray(((index >= 1) & (index <= self.inner + 1)).all(axis=1))
 
     @staticmethod
     def _key(index: Int[Array, "n 3"], size: Int[Array, " 3"]) -> Int[Array, " n"]:

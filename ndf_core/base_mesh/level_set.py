@@ -130,8 +130,8 @@ def _not_settled(resolution: int, fine: Topology, half: Topology) -> Remark:
         kind="topology_not_settled",
         message=(
             f"at resolution {resolution} the level set has {fine.components} components of total genus {fine.genus}, "
-            f"at {resolution // 2} it has {half.components} of {half.genus}: parts are as thin as the cells; raise the "
-            f"resolution to keep them"
+            f"at {resolution // 2} it has {half.components} of {half.genus}: parts are as thin as the cells; raise "
+            f"the resolution to keep them"
         ),
     )
 

@@ -33,7 +33,7 @@ def split_long_edges(
         if not long.any() or len(faces) + int(long.sum()) > max_faces:
             return vertices, faces.astype(np.int32)
         low, high = np.minimum(start, end)[long], np.maximum(start, end)[long]
-        keys, first, inverse = np.unique(low * len(vertices) + high, return_index=True, return_inverse=True)
+        _, first, inverse = np.unique(low * len(vertices) + high, return_index=True, return_inverse=True)
         middle = np.full(faces.shape, -1, dtype=np.int64)
         middle[long] = inverse + len(vertices)
         vertices = np.concatenate([vertices, 0.5 * (vertices[low[first]] + vertices[high[first]])])

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ndf_core.kernels import _decimate
+from ndf_core.kernels import _decimate  # pyright: ignore[reportAttributeAccessIssue]  # compiled, no stub
 
 
 class Decimated(NamedTuple):
@@ -51,7 +51,7 @@ def decimate(
         boundary: Weight of the planes through boundary edges.
 
     Raises:
-        ValueError: the arrays are not an oriented manifold with indices in range.
+        ValueError: the arrays are not an oriented manifold with indices in range, or not finite.
 
     Reference:
         Garland and Heckbert 1997; Trettner and Kobbelt 2020 (the isotropic part).
@@ -61,8 +61,10 @@ def decimate(
     if not np.isfinite(points).all():
         raise ValueError("vertices: not finite")
     factors = np.ones(len(points)) if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
+    if not (np.isfinite(factors) & (factors > 0)).all():
+        raise ValueError("weights: need positive finite numbers")
     cluster = np.empty(len(points), dtype=np.int32)
     vertex_count, face_count = _decimate.decimate(
-        points, corners, factors, cluster, max_faces, regularisation, boundary, shape, altitude
+        points, corners, factors, cluster, min(max_faces, 2**31 - 1), regularisation, boundary, shape, altitude
     )
     return Decimated(points[:vertex_count].copy(), corners[:face_count].copy(), cluster)
