@@ -45,7 +45,8 @@ class FusedStep:
         gradient: Parameters | None = None,
     ) -> None:
         self.shape = shape
-        cycle_batch = -(-batch // cycle_stride)
+        cycle_stride = min(cycle_stride, batch)
+        cycle_batch = batch // cycle_stride
         self.gradient = gradient or Parameters.zeros(shape, device)
         self.mapped = torch.empty(batch, 3, device=device)
         self._matrix, self._phase = frequency_matrix(shape.encoding, device)
@@ -77,13 +78,16 @@ class FusedStep:
         batch: Batch,
         output_gradient: Float[Tensor, "n 3"],
         cycle_weight: float,
+        turn: int = 0,
     ) -> Float[Tensor, ""]:
         """Add the whole gradient to `gradient` and return the mean cycle loss. Call `map` first.
 
         `output_gradient` is dL/dg of the other losses and is changed. The cycle loss is taken on every
-        `cycle_stride`-th row (batches come sorted by face); `cycle_weight` multiplies its mean over this batch.
+        `cycle_stride`-th row; `cycle_weight` multiplies its mean. Batches come sorted by face, so each step has to
+        start at another row (`turn`, the step's number), or some faces would never be among them.
         """
-        loss = self._cycle(parameters, batch.positions, output_gradient, cycle_weight)
+        first = turn % self._cycle_stride
+        loss = self._cycle(parameters, batch.positions, output_gradient, cycle_weight, first)
         self._pull_back(parameters, batch, output_gradient)
         return loss
 
@@ -92,7 +96,7 @@ class FusedStep:
         residual = self.map(parameters, batch).sub_(batch.positions)
         self._pull_back(parameters, batch, residual.mul_(2.0 * weight / len(residual)))
         self.mapped.copy_(batch.positions)
-        self._cycle(parameters, batch.positions, torch.empty_like(batch.positions), weight)
+        self._cycle(parameters, batch.positions, torch.empty_like(batch.positions), weight, 0)
 
     def _pull_back(self, parameters: Parameters, batch: Batch, output_gradient: Tensor) -> None:
         into_features = self._forward.pull_back(parameters, self.gradient, output_gradient, self.shape.encoding.width)
@@ -101,22 +105,24 @@ class FusedStep:
             torch.mul(batch.barycentric[:, :, None], into_features[:, None, :], out=spread)
             self.gradient.features.index_add_(0, batch.corners.view(-1), self._corner_rows)
 
-    def _cycle(self, parameters: Parameters, positions: Tensor, output_gradient: Tensor, weight: float) -> Tensor:
-        stride = self._cycle_stride
+    def _cycle(
+        self, parameters: Parameters, positions: Tensor, output_gradient: Tensor, weight: float, start: int
+    ) -> Tensor:
+        count = len(self._cosines)
+        rows = slice(start, start + (count - 1) * self._cycle_stride + 1, self._cycle_stride)
         encoding = self.shape.encoding
         first = encoding.width - 6 * encoding.levels
-        mapped, inputs = self.mapped[::stride], self._inverse.inputs
-        count = len(mapped)
+        mapped, inputs = self.mapped[rows], self._inverse.inputs
         inputs[:, :first] = mapped[:, :first]
         torch.addmm(self._phase, mapped, self._matrix, out=self._cosines)
         torch.sin(self._cosines, out=inputs[:, first:])
         self._cosines.cos_()
-        residual = self._inverse.run(parameters) + mapped - positions[::stride]
+        residual = self._inverse.run(parameters) + mapped - positions[rows]
         loss = residual.square().sum() / count
         residual.mul_(2.0 * weight / count)
         into_inputs = self._inverse.pull_back(parameters, self.gradient, residual, 0)
         into_waves = into_inputs[:, first:].mul_(self._cosines)
-        target = output_gradient[::stride]
+        target = output_gradient[rows]
         target.addmm_(into_waves, self._matrix.t())
         target.add_(residual)
         if first:

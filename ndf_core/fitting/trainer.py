@@ -221,7 +221,8 @@ class _Worker:
         residual = mapped - projection.points
         sums.residual += float(residual.square().sum()) / trainer.config.batch
         residual.mul_(2.0 * weights.projection / trainer.config.batch)
-        sums.cycle += share * float(fused.backward(parameters, base.batch, residual, share * weights.cycle))
+        cycle = fused.backward(parameters, base.batch, residual, share * weights.cycle, trainer.step_count)
+        sums.cycle += share * float(cycle)
         extra = optional_gradient(parameters, trainer.geometry, base, projection.normals, weights, trainer.anchors)
         if extra is not None:
             self.gradient.flat.add_(extra, alpha=share)
