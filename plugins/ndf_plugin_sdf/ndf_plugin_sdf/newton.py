@@ -66,8 +66,8 @@ def land(field: ImplicitField, start: Float[Tensor, "n 3"], size: float, most_st
     the gradient has turned, an edge lies between two points seen: then the step goes to the nearest point of both
     tangent planes at once, which is on the edge if its faces are flat. Points without a gradient (the centre of a
     ball) are moved a little first, and so are points where no step helps (on a medial axis the gradient may run along
-    it). A row stops when |phi| / |g| reaches `GOAL`, when no step helps below `TOLERANCE`, or when it has been moved so
-    too often.
+    it). A row stops when |phi| / |g| reaches `GOAL`, when no step helps below `TOLERANCE`, or when it has been moved
+    like that too often.
 
     Args:
         field: phi.

@@ -104,8 +104,13 @@ def test_sniffing_tells_trees_from_other_tables(tmp_path: Path) -> None:
         found = sniff(tmp_path / name)
         answers[name] = found.confidence if found else None
     assert answers == {
-        "tree.toml": 1.0, "tree.json": 1.0, "pyproject.toml": 0.3, "list.json": 0.3, "tree.txt": None, "deep.json": 0.3,
-    }  # fmt: skip
+        "tree.toml": 1.0,
+        "tree.json": 1.0,
+        "pyproject.toml": 0.3,
+        "list.json": 0.3,
+        "tree.txt": None,
+        "deep.json": 0.3,
+    }
     assert sniff(tmp_path) is None
     assert sniff(tmp_path / "none.toml") is None
 

@@ -100,7 +100,7 @@ def test_placements_move_the_field(name: str) -> None:
     tree, points = SOLIDS[name], POINTS[:1000]
     field = values(parse_tree(tree), points)
     moved = node("translate", child=tree, offset=[1, -2, 0.5])
-    np.testing.assert_allclose(values(moved, points + [1, -2, 0.5]), field, atol=1e-12)
+    np.testing.assert_allclose(values(moved, points + np.array([1, -2, 0.5])), field, atol=1e-12)
     turn = node("rotate", child=tree, axis=[1, 2, 3], angle=40.0)
     matrix = turn.matrix  # pyright: ignore
     np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -58,9 +59,7 @@ def _revolved(profile: Points, n: int) -> Points:
 
 def _line(*corners: tuple[float, float], n: int = 250) -> Points:
     t = np.linspace(0, 1, n)[:, None]
-    return np.concatenate(
-        [np.array(a) * (1 - t) + np.array(b) * t for a, b in zip(corners[:-1], corners[1:], strict=True)]
-    )
+    return np.concatenate([np.array(a) * (1 - t) + np.array(b) * t for a, b in itertools.pairwise(corners)])
 
 
 def _arc(center: tuple[float, float], radius: float, start: float, end: float, n: int = 300) -> Points:
@@ -114,7 +113,11 @@ CASES: dict[str, tuple[Node, Points, Callable[[Points], np.ndarray]]] = {
         _revolved(_line((0, -0.5), (0.2, -0.5), (0.6, 0.7), (0, 0.7)), 400),
         _inside_profile(lambda r, z: (z > -0.5) & (z < 0.7) & (r < 0.2 + 0.4 * (z + 0.5) / 1.2)),
     ),
-    "ellipsoid": (node("ellipsoid", radii=RADII.tolist()), _ball(200_000) * RADII, lambda p: ((p / RADII) ** 2).sum(1) < 1),
+    "ellipsoid": (
+        node("ellipsoid", radii=RADII.tolist()),
+        _ball(200_000) * RADII,
+        lambda p: ((p / RADII) ** 2).sum(1) < 1,
+    ),
 }  # fmt: skip
 
 

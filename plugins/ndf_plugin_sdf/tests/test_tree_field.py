@@ -46,7 +46,8 @@ def test_bounds_are_tight_where_intervals_are_not() -> None:
 
 
 def test_unbounded_and_empty_solids_are_refused() -> None:
-    slab = {"type": "intersection", "children": [{"type": "plane", "normal": [0, 0, 1]}, {"type": "plane", "normal": [0, 0, -1], "offset": 1}]}  # fmt: skip
+    below, above = {"type": "plane", "normal": [0, 0, 1]}, {"type": "plane", "normal": [0, 0, -1], "offset": 1}
+    slab = {"type": "intersection", "children": [below, above]}
     with pytest.raises(
         InputError, match=r"unbounded along x and y; intersect its planes with a box, or give --bounds"
     ):

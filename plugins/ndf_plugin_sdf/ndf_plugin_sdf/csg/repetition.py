@@ -3,8 +3,9 @@
 Which copies can be nearest follows from the child's box. Copies differ by a shift along the axes (or a turn about z),
 and of all copies of one child point c the nearest to x is the one whose number is (x - c) / spacing, rounded: as c
 runs through the box, that names a short interval of numbers. Evaluating those makes the sign exact, makes the field
-of a child with an exact distance the exact distance outside, and keeps |field(x)| <= L * (distance of x to the surface)
-for any child with Lipschitz bound L: for each point of the surface, a candidate has its copy of it at least as near.
+of a child with an exact distance the exact distance outside, and keeps |field(x)| <= L * (distance of x to the
+surface) for any child with Lipschitz bound L: for each point of the surface, a candidate has its copy of it at least
+as near.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ def look(path: Path) -> Content:
         return Content("stl", size > _STL_HEADER)
     if _OFF.match(head):
         return Content("off", True)
-    if re.match(rb"\s*solid\b", head) and b"facet" in head:
+    if re.match(rb"\s*solid\b", head) and re.search(rb"\bfacet\b|\bendsolid\b", head):
         return Content("ascii stl", True)
     if b"\0" not in head and _OBJ_VERTEX.search(head):
         # Faces come after vertices as a rule: in the first bytes of a small file, in the last ones of a large file.

@@ -13,13 +13,15 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ndf_plugin_sdf.readers.gltf_accessor import Buffer, read_accessor
+from ndf_plugin_sdf.readers.gltf_accessor import Buffer, accessor_count, read_accessor
 from ndf_plugin_sdf.readers.gltf_scene import placed_meshes
 from ndf_plugin_sdf.readers.polygons import RawMesh, strip_triangles
 
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_MOST_ELEMENTS = 100_000_000
+_SURFACES = (_TRIANGLES, _STRIP, _FAN)
+_MOST_ELEMENTS = 10_000_000
+"""Of vertices and corners of triangles in files with fewer bytes than that."""
 _UNDERSTOOD = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_punctual")
 
 
@@ -35,30 +37,36 @@ def read_glb(data: bytes) -> RawMesh:
     if foreign:
         raise ValueError(f"it needs {', '.join(map(str, foreign))!s:.200}, which is not read; export it uncompressed")
     buffer = Buffer(document, binary)
-    vertices: list[Array] = []
-    faces: list[Array] = []
-    skipped = offset = total = 0
-    for mesh, matrix in placed_meshes(document):
-        for primitive in mesh.get("primitives", []):
-            mode = primitive.get("mode", _TRIANGLES)
-            if mode not in (_TRIANGLES, _STRIP, _FAN):
-                skipped += 1
-                continue
-            points, triangles = _primitive(buffer, primitive, mode)
-            total += len(triangles) + len(points)
-            if total > _MOST_ELEMENTS:
-                raise ValueError(f"its scene has more than {_MOST_ELEMENTS:,} vertices and triangles, copies counted")
-            # A transform that mirrors turns triangles over.
-            triangles = triangles[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else triangles
-            if len(triangles) and not (triangles.min() >= 0 and triangles.max() < len(points)):
-                raise ValueError("a triangle names a vertex that does not exist")
+    placed = [
+        (primitive, matrix) for mesh, matrix in placed_meshes(document) for primitive in mesh.get("primitives", [])
+    ]
+    surfaces = [(primitive, matrix) for primitive, matrix in placed if primitive.get("mode", _TRIANGLES) in _SURFACES]
+    notes = (
+        (f"{len(placed) - len(surfaces)} sets of points or lines left out",) if len(surfaces) < len(placed) else ()
+    )
+    _check_total(buffer, [primitive for primitive, _ in surfaces], len(data))
+    vertices, faces, offset = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
+    for primitive, matrix in surfaces:
+        points, triangles = _primitive(buffer, primitive)
+        # A transform that mirrors turns triangles over.
+        triangles = triangles[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else triangles
+        if len(triangles) and not (triangles.min() >= 0 and triangles.max() < len(points)):
+            raise ValueError("a triangle names a vertex that does not exist")
+        with np.errstate(invalid="ignore"):  # infinite coordinates are refused later, with the vertex
             vertices.append(points @ matrix[:3, :3].T + matrix[:3, 3])
-            faces.append(triangles + offset)
-            offset += len(points)
-    notes = (f"{skipped} sets of points or lines left out",) if skipped else ()
-    if not faces:
-        return RawMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64), notes)
+        faces.append(triangles + offset)
+        offset += len(points)
     return RawMesh(np.concatenate(vertices), np.concatenate(faces), notes)
+
+
+def _check_total(buffer: Buffer, primitives: list[dict[str, Any]], file_size: int) -> None:
+    """Refuse scenes that would grow far beyond their file by placing the same mesh very often."""
+    total = 0
+    for primitive in primitives:
+        used = [primitive["attributes"]["POSITION"], *([primitive["indices"]] if "indices" in primitive else [])]
+        total += sum(accessor_count(buffer, index) for index in used)
+        if total > max(file_size, _MOST_ELEMENTS):
+            raise ValueError(f"its scene has more than {_MOST_ELEMENTS:,} vertices and corners, copies counted")
 
 
 def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
@@ -86,12 +94,13 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
     return document, chunks.get(_BINARY, b"")
 
 
-def _primitive(buffer: Buffer, primitive: dict[str, Any], mode: int) -> tuple[Float[Array, "v 3"], Int[Array, "f 3"]]:
+def _primitive(buffer: Buffer, primitive: dict[str, Any]) -> tuple[Float[Array, "v 3"], Int[Array, "f 3"]]:
     points = read_accessor(buffer, primitive["attributes"]["POSITION"], "VEC3").astype(np.float64)
     if "indices" in primitive:
         corners = read_accessor(buffer, primitive["indices"], "SCALAR").astype(np.int64)
     else:
         corners = np.arange(len(points))
+    mode = primitive.get("mode", _TRIANGLES)
     if mode == _STRIP:
         return points, strip_triangles(corners)
     if mode == _FAN:

@@ -50,6 +50,15 @@ def read_accessor(buffer: Buffer, index: object, shape: str) -> Array:
     return numbers
 
 
+def accessor_count(buffer: Buffer, index: object) -> int:
+    """How many rows an accessor announces.
+
+    Raises:
+        ValueError: there is no such accessor, or its count is no number.
+    """
+    return _size(_entry(buffer.accessors, index, "accessor").get("count", -1), "count")
+
+
 def _entry(table: Any, index: object, name: str) -> dict[str, Any]:
     if not isinstance(table, list) or type(index) is not int or not 0 <= index < len(table):
         raise ValueError(f"there is no {name} {index!r:.40}")
