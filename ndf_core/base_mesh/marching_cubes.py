@@ -10,7 +10,7 @@ from ndf_core.base_mesh.cube_cases import EDGES, case_triangles
 from ndf_core.base_mesh.lattice import CORNERS, Lattice, ScalarField, evaluate
 from ndf_core.base_mesh.narrow_band import Band
 
-MARGIN = 0.02
+MARGIN = 1e-3
 """Crossings stay this share of an edge away from its ends, so that no triangle loses its area."""
 
 
