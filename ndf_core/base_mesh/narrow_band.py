@@ -18,6 +18,8 @@ from ndf_core.errors import BaseMeshError
 
 SAFETY = 1.001
 """On the distance bound, against rounding."""
+WHOLE = 64
+"""Cells along the longest side of the lattice that is sampled as a whole where there is no distance bound."""
 _NEIGHBOURS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])
 _SIDES = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
 
@@ -54,9 +56,9 @@ def sample_near_level_set(
 ) -> Band:
     """Sample `field` where its zero level set can be, on a lattice with `resolution` cells along the longest side.
 
-    With `lipschitz`, no part of the level set is missed: a cell is left out only if the value at its middle says
-    that it is farther away than half the diagonal. Without, a part that lies wholly inside one cell of a
-    64-lattice and is not connected to anything that is seen there, is missed.
+    With `lipschitz`, no part of the level set is missed: a cell is left out only if the value at its middle says that
+    it is farther away than half the diagonal. Without, a lattice of about 64 (45 to 90) cells is sampled as a whole,
+    and a part that lies wholly inside one of its cells, connected to nothing that is seen there, is missed.
 
     Args:
         field: Negative inside; only called within `bounds`.
@@ -67,9 +69,14 @@ def sample_near_level_set(
     Raises:
         BaseMeshError: no negative value; the message has the range of the values.
     """
-    coarsest = 8 if lipschitz is not None else max(2, 1 << max(0, (resolution // 64).bit_length() - 1))
-    sampler = Sampler(Lattice.over(bounds, resolution, coarsest), field, lipschitz, distance)
-    blocks = _by_sign(sampler) if lipschitz is None else _by_distance(sampler, lipschitz)
+    widest = 8 if lipschitz is not None else 1 << max(0, round(float(np.log2(resolution / WHOLE))))
+    sampler = Sampler(Lattice.over(bounds, resolution, max(2, widest)), field, lipschitz, distance)
+    if lipschitz is not None:
+        blocks = _by_distance(sampler, lipschitz)
+    elif widest > 1:
+        blocks = _by_sign(sampler)
+    else:
+        blocks = sampler.lattice.cell_keys(_all_cells(sampler.lattice, 2), 2)
     band = _follow(sampler, _sampled(sampler, blocks))
     if not (band.values < 0).any():
         _raise_nothing_found(field, bounds)
