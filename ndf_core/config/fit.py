@@ -41,7 +41,7 @@ class FitConfig(BaseModel):
     feature_dim: int = Field(
         default=16, ge=0, le=256, description="dimension d of the per-vertex features (Sec. 3.3)"
     )
-    steps: int = Field(default=1500, ge=0, le=10_000_000, description="training steps after the initialisation")
+    steps: int = Field(default=2000, ge=0, le=10_000_000, description="training steps after the initialisation")
     seed: int = Field(default=0, ge=0, lt=2**63, description="seed of everything random")
     device: Literal["auto", "cpu", "cuda"] = Field("auto", description="where the networks are trained")
     threads: int = Field(
@@ -63,7 +63,7 @@ class FitConfig(BaseModel):
         description="lowest angular frequency; pi/3 has period 6, so the box of 3 is unique",
     )
 
-    batch: int = Field(default=4096, ge=1, le=2**22, description="samples per step (the paper's s)")
+    batch: int = Field(default=3072, ge=1, le=2**22, description="samples per step (the paper's s)")
     sampling: Literal["stratified", "rejection"] = Field(
         "stratified", description="how base points are drawn in proportion to |det J|: per face, or point by point"
     )
@@ -87,7 +87,7 @@ class FitConfig(BaseModel):
         "muon", description="muon orthogonalises the hidden matrices' updates and leaves the rest to Adam"
     )
     learning_rate: float = Field(default=4e-3, gt=0, le=10, description="peak learning rate of the networks")
-    feature_learning_rate: float = Field(default=2e-1, gt=0, le=10, description="peak learning rate of the features")
+    feature_learning_rate: float = Field(default=3e-1, gt=0, le=10, description="peak learning rate of the features")
     adam_beta2: float = Field(default=0.99, ge=0, lt=1, description="decay of Adam's squared gradients")
     schedule: Literal["cosine", "constant"] = Field("cosine", description="learning rate over the run")
     warmup_steps: int = Field(
