@@ -28,6 +28,8 @@ MAX_VERTICES = 20_000_000
 MAX_ROUNDS = 48
 """Halving an edge more often than this leaves the range where weights are exact."""
 FLIP_SWEEPS = 3
+FLIP_ROUNDS = 12
+"""Rounds of splitting in which edges are flipped too; after them flips may not undo what splitting needs to end."""
 
 _LIKELY = 2.0
 """Vertices times edge length squared over area: between 2.3 and 3.5 on closed meshes, 1.15 at the very least."""
@@ -62,6 +64,8 @@ class Subdivision:
             self.mesh = Triangulation(corners, check.twins, home)
             faces, weights = _vertices_of(corners, used)
             self.points = BasePoints(np.ascontiguousarray(content.faces, dtype=np.int32), faces, weights)
+            self._base_vertices = content.vertices
+            self.base = self._positions(faces, weights)
         self.mapped = self._map(faces, weights)
 
     def refine(self, limit: float) -> None:
@@ -72,10 +76,11 @@ class Subdivision:
                 not get shorter.
         """
         self._refuse_too_fine(limit)
-        for _ in range(MAX_ROUNDS):
+        for turn in range(MAX_ROUNDS):
             with self._stage("subdivide"):
-                flip_edges(self.mesh, self.mapped, self.points, limit, FLIP_SWEEPS)
-                midpoint, count = mark_long_edges(self.mesh, self.mapped, limit)
+                if turn < FLIP_ROUNDS:
+                    flip_edges(self.mesh, self.mapped, self.points, limit, FLIP_SWEEPS)
+                midpoint, count = mark_long_edges(self.mesh, self.mapped, self.base, limit)
                 if not count:
                     return
                 if len(self.mapped) + count > MAX_VERTICES:
@@ -84,6 +89,7 @@ class Subdivision:
             mapped = self._map(faces, weights)
             with self._stage("subdivide"):
                 self.mapped = np.concatenate([self.mapped, mapped])
+                self.base = np.concatenate([self.base, self._positions(faces, weights)])
                 self.points = BasePoints(
                     self.points.base_faces,
                     np.concatenate([self.points.faces, faces]),
@@ -117,6 +123,10 @@ class Subdivision:
         if not np.isfinite(mapped).all():
             raise ExtractionError("the asset's field is not finite; the asset is damaged, or its fit diverged")
         return mapped
+
+    def _positions(self, faces: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+        """Points on the base mesh itself."""
+        return np.einsum("nk,nkc->nc", weights, self._base_vertices[self.points.base_faces[faces]])
 
     def _refuse_too_fine(self, limit: float) -> None:
         """Estimate the size from the area that is known by now, before anything is allocated for it."""

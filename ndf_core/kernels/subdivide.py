@@ -32,14 +32,20 @@ class BasePoints(NamedTuple):
     """float64."""
 
 
-def mark_long_edges(mesh: Triangulation, mapped: Float[Array, "n 3"], limit: float) -> tuple[Int[Array, "f 3"], int]:
-    """Number the midpoints of the edges longer than `limit`, from the number of vertices on.
+def mark_long_edges(
+    mesh: Triangulation, mapped: Float[Array, "n 3"], base: Float[Array, "n 3"], limit: float
+) -> tuple[Int[Array, "f 3"], int]:
+    """Number the midpoints of the edges to be split, from the number of vertices on.
+
+    These are the edges longer than `limit` in `mapped`; and in faces with an edge to be split that are thinner than
+    1/4 on the base mesh (`base`: the vertices there), the edge along them. Law: where the map is Lipschitz, splitting
+    ends.
 
     Returns:
         For each half-edge the number of its edge's midpoint or -1, and how many there are.
     """
     midpoint = np.empty_like(mesh.corners)
-    return midpoint, _subdivide.mark(midpoint, mesh.corners, mesh.twins, mapped, limit)
+    return midpoint, _subdivide.mark(midpoint, mesh.corners, mesh.twins, mapped, base, limit)
 
 
 def place_midpoints(

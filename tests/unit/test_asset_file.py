@@ -75,9 +75,7 @@ def test_a_step_beyond_float32_keeps_its_values() -> None:
     content = small_content()
     block = content.fields["displacement"]
     features = QuantisedArray(block.features.codes, 0.0123456789012345)  # type: ignore[union-attr]
-    content = dataclasses.replace(
-        content, fields={"displacement": dataclasses.replace(block, features=features)}
-    )
+    content = dataclasses.replace(content, fields={"displacement": dataclasses.replace(block, features=features)})
     again = parse_asset(asset_bytes(content)).fields["displacement"].features
     np.testing.assert_array_equal(values_of(again), features.values)
 
@@ -121,7 +119,7 @@ def test_repacking_alone_changes_nothing() -> None:
 
 def test_truncated_anywhere() -> None:
     data = asset_bytes(small_content())
-    for end in {*range(0, 80), *(len(data) * part // 20 for part in range(20)), len(data) - 1}:
+    for end in {*range(80), *(len(data) * part // 20 for part in range(20)), len(data) - 1}:
         with pytest.raises(AssetError, match="truncated or damaged|not an .ndf asset"):
             parse_asset(data[:end])
 

@@ -20,13 +20,30 @@ def edges_of(face: Int[Array, "3"]) -> list[Edge]:
     return [(min(pair), max(pair)) for pair in pairwise((a, b, c, a))]
 
 
-def long_edges(corners: Int[Array, "f 3"], mapped: Float[Array, "n 3"], limit: float) -> dict[Edge, int]:
-    """Number of the midpoint of every edge longer than `limit`, numbered as they are met."""
+def long_edges(
+    corners: Int[Array, "f 3"], mapped: Float[Array, "n 3"], base: Float[Array, "n 3"], limit: float
+) -> dict[Edge, int]:
+    """Number of the midpoint of every edge to be split, numbered as they are met.
+
+    Edges longer than `limit`; and in faces with an edge to be split, until nothing changes, the longest edge on the
+    base mesh where the altitude over it is less than 1/4 of its length.
+    """
+    edges = [edges_of(face) for face in corners]
+    chosen = {(a, b) for face in edges for a, b in face if np.linalg.norm(mapped[a] - mapped[b]) > limit}
+    along: list[Edge | None] = []
+    for face, sides in zip(corners, edges, strict=True):
+        lengths = [float(np.linalg.norm(base[a] - base[b])) for a, b in sides]
+        area = np.linalg.norm(np.cross(base[face[1]] - base[face[0]], base[face[2]] - base[face[0]]))
+        along.append(sides[int(np.argmax(lengths))] if area < max(lengths) ** 2 / 4 else None)
+    while True:
+        added = {long for long, sides in zip(along, edges, strict=True) if long and not chosen.isdisjoint(sides)}
+        if added <= chosen:
+            break
+        chosen |= added
     midpoints: dict[Edge, int] = {}
-    for face in corners:
-        for edge in edges_of(face):
-            if edge not in midpoints and np.linalg.norm(mapped[edge[0]] - mapped[edge[1]]) > limit:
-                midpoints[edge] = len(mapped) + len(midpoints)
+    for edge in (edge for face in edges for edge in face):
+        if edge in chosen and edge not in midpoints:
+            midpoints[edge] = len(mapped) + len(midpoints)
     return midpoints
 
 

@@ -10,9 +10,9 @@
 #include <stdlib.h>
 
 #define NEXT(i) ((i) == 2 ? 0 : (i) + 1)
-#define LABELS 6       /* corners 0 1 2 and midpoints 3 4 5 (3 + i halves edge i) of a face that is split */
+#define THINNEST 0.25 /* altitude over longest edge */
 #define MOST_CHILDREN 4
-#define PATTERNS 11    /* by the mask of split edges; the three masks of two edges have one pattern for each diagonal */
+#define PATTERNS 11 /* by the mask of split edges; the three masks of two edges have one pattern for each diagonal */
 
 static double squared_distance(const double *points, int32_t a, int32_t b)
 {
@@ -23,19 +23,56 @@ static double squared_distance(const double *points, int32_t a, int32_t b)
 
 /* ---- finding edges and placing midpoints ---- */
 
-/* Number the midpoints of edges longer than the limit, in order of their first half-edge, from `next` on. */
+/* The longest edge on the base mesh of a face that is thinner than THINNEST across it; -1 where it is not thin. */
+static int edge_along(const double *base, const int32_t *corner)
+{
+    double length[3], product = 0.0;
+    for (int i = 0; i < 3; i++)
+        length[i] = squared_distance(base, corner[i], corner[NEXT(i)]);
+    int i = length[0] >= length[1] && length[0] >= length[2] ? 0 : length[1] >= length[2] ? 1 : 2;
+    const double *a = base + 3 * (Py_ssize_t)corner[i], *b = base + 3 * (Py_ssize_t)corner[NEXT(i)];
+    const double *c = base + 3 * (Py_ssize_t)corner[NEXT(NEXT(i))];
+    for (int k = 0; k < 3; k++)
+        product += (b[k] - a[k]) * (c[k] - a[k]);
+    double altitude = length[NEXT(NEXT(i))] * length[i] - product * product; /* squared, times the squared length */
+    return altitude < THINNEST * THINNEST * length[i] * length[i] ? i : -1;
+}
+
+/* In a thin face with an edge to be split, split the edge along it too; so in the face beyond, and so on. */
+static void mark_along(int32_t *marks, const int32_t *corners, const int32_t *twins, const double *base, Py_ssize_t face)
+{
+    while (1) {
+        int i = edge_along(base, corners + 3 * face);
+        if (i < 0 || marks[3 * face + i])
+            return;
+        int32_t twin = twins[3 * face + i];
+        marks[3 * face + i] = 1;
+        if (twin < 0)
+            return;
+        marks[twin] = 1;
+        face = twin / 3;
+    }
+}
+
+/* Number the midpoints of edges to be split, in order of their first half-edge, from `next` on: those longer than the
+ * limit, and what `mark_along` adds. The ends of an edge may meet where the surface between them is far away, and then
+ * all points near the edge are far from them: without that rule the faces beside the edge would be split for ever,
+ * into ever thinner ones. With it (Rivara's longest-edge propagation, for thin faces) every split takes a fixed share
+ * of a face's area or of its length, so splitting ends once the faces are small enough for a Lipschitz map. */
 static Py_ssize_t number_midpoints(int32_t *midpoint, const int32_t *corners, const int32_t *twins, Py_ssize_t faces,
-                                   const double *mapped, double limit, Py_ssize_t next)
+                                   const double *mapped, const double *base, double limit, Py_ssize_t next)
 {
     Py_ssize_t first = next;
+    for (Py_ssize_t h = 0; h < 3 * faces; h++)
+        midpoint[h] = squared_distance(mapped, corners[h], corners[h - h % 3 + NEXT(h % 3)]) > limit * limit;
+    for (Py_ssize_t f = 0; f < faces; f++)
+        if (midpoint[3 * f] || midpoint[3 * f + 1] || midpoint[3 * f + 2])
+            mark_along(midpoint, corners, twins, base, f);
     for (Py_ssize_t h = 0; h < 3 * faces; h++) {
-        int i = (int)(h % 3);
         if (twins[h] >= 0 && twins[h] < h)
             midpoint[h] = midpoint[twins[h]];
-        else if (squared_distance(mapped, corners[h], corners[h - i + NEXT(i)]) > limit * limit && next < INT32_MAX)
-            midpoint[h] = (int32_t)next++;
         else
-            midpoint[h] = -1;
+            midpoint[h] = midpoint[h] && next < INT32_MAX ? (int32_t)next++ : -1;
     }
     return next - first;
 }
@@ -86,7 +123,7 @@ static void place_midpoints(int32_t *new_faces, double *new_weights, const int32
 
 typedef struct {
     int children;
-    int8_t corner[3 * MOST_CHILDREN]; /* labels */
+    int8_t corner[3 * MOST_CHILDREN]; /* 0 1 2 the face's own, 3 4 5 the midpoints of its edges 0 1 2 */
     int8_t inner[3 * MOST_CHILDREN];  /* twin inside the same face, or -1 */
     int8_t outer[3][2];               /* half-edge on edge i: its only or first half, and its second half */
 } Pattern;
@@ -227,22 +264,22 @@ static int in_range(const Array *array, int32_t least, Py_ssize_t limit, const c
     return 1;
 }
 
-/* mark(midpoint i(f,3), corners i(f,3), twins i(f,3), mapped d(n,3), limit) -> number of edges longer than `limit` */
+/* mark(midpoint i(f,3), corners i(f,3), twins i(f,3), mapped d(n,3), base d(n,3), limit) -> number of edges to split */
 static PyObject *mark(PyObject *self, PyObject *args)
 {
-    PyObject *objects[4], *result = NULL;
+    PyObject *o[5], *result = NULL;
     double limit;
     Arrays a;
-    static const int columns[] = {3, 3, 3, 3};
-    if (!PyArg_ParseTuple(args, "OOOOd", &objects[0], &objects[1], &objects[2], &objects[3], &limit)
-        || arrays_get(&a, objects, "iiid", columns, 1) < 0)
+    static const int columns[] = {3, 3, 3, 3, 3};
+    if (!PyArg_ParseTuple(args, "OOOOOd", &o[0], &o[1], &o[2], &o[3], &o[4], &limit)
+        || arrays_get(&a, o, "iiidd", columns, 1) < 0)
         return NULL;
-    Array *midpoint = &a.array[0], *corners = &a.array[1], *twins = &a.array[2], *mapped = &a.array[3];
-    Py_ssize_t faces = corners->rows, count;
-    if (rows_are(midpoint, faces, "midpoint") && rows_are(twins, faces, "twins")
-        && in_range(corners, 0, mapped->rows, "corners") && in_range(twins, -1, 3 * faces, "twins")) {
+    Array *x = a.array;
+    Py_ssize_t faces = x[1].rows, vertices = x[3].rows, count;
+    if (rows_are(&x[0], faces, "midpoint") && rows_are(&x[2], faces, "twins") && rows_are(&x[4], vertices, "base")
+        && in_range(&x[1], 0, vertices, "corners") && in_range(&x[2], -1, 3 * faces, "twins")) {
         Py_BEGIN_ALLOW_THREADS
-        count = number_midpoints(midpoint->data, corners->data, twins->data, faces, mapped->data, limit, mapped->rows);
+        count = number_midpoints(x[0].data, x[1].data, x[2].data, faces, x[3].data, x[4].data, limit, vertices);
         Py_END_ALLOW_THREADS
         result = PyLong_FromSsize_t(count);
     }

@@ -1,0 +1,194 @@
+"""Laws of extraction: topology of the base mesh, no long edge, vertices on the field, repeatable."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+from numpy import ndarray as Array
+from small_assets import icosphere, open_grid, small_content, torus
+
+from ndf_core.asset.asset import Asset
+from ndf_core.asset.content import AssetContent, QuantisedArray
+from ndf_core.errors import ExtractionError
+from ndf_core.extract import subdivision
+from ndf_core.extract.extract import extract_mesh, refine_mesh
+from ndf_core.extract.extracted import ExtractedMesh
+from ndf_core.mesh import face_normals, signed_volume, topology
+
+MESHES = {"sphere": icosphere(1), "torus": torus(), "open": open_grid()}
+
+
+def content_of(mesh: str, amplitude: float = 0.05, scale: float = 0.4) -> AssetContent:
+    return small_content(MESHES[mesh], amplitude=amplitude, center=(5.0, -7.0, 2.0), scale=scale)
+
+
+def longest_edge(mesh: ExtractedMesh) -> float:
+    corners = mesh.vertices[mesh.faces]
+    return float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).max())
+
+
+def area(vertices: Float[Array, "v 3"], faces: Array) -> float:
+    return float(np.linalg.norm(face_normals(vertices, faces), axis=1).sum() / 2)
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+@pytest.mark.parametrize("edge_length", [None, 0.02, 0.3])
+def test_topology_edge_length_and_field(mesh: str, edge_length: float | None) -> None:
+    asset = Asset(content_of(mesh))
+    extracted = asset.extract(edge_length)
+    base = topology(asset.content.faces, len(asset.content.vertices))
+    ours = topology(extracted.faces, len(extracted.vertices))
+    assert ours.manifold
+    assert ours.closed == base.closed == (mesh != "open")
+    assert ours.euler_characteristic == base.euler_characteristic
+    assert ours.components == base.components
+    assert extracted.edge_length == (asset.default_edge_length if edge_length is None else edge_length)
+    assert longest_edge(extracted) <= extracted.edge_length * (1 + 1e-12)
+    np.testing.assert_array_equal(extracted.vertices, asset.map_points(extracted.base_faces, extracted.barycentric))
+    assert (extracted.barycentric >= 0).all()
+    np.testing.assert_array_equal(extracted.barycentric.sum(axis=1), 1.0)
+    statistics = extracted.statistics
+    assert statistics["manifold"]
+    assert statistics["closed"] == base.closed
+    assert 0.8 < statistics["delaunay"] <= 1
+    assert statistics["folded_area"] == 0
+    assert set(statistics["seconds"]) == {"map", "subdivide", "check", "total"}
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_identity_reproduces_the_base_surface(mesh: str) -> None:
+    """With a zero network the surface is the base mesh: equal area and volume, and no more than midpoints."""
+    asset = Asset(content_of(mesh, amplitude=0.0))
+    vertices = asset.to_input(asset.content.vertices)
+    extracted = asset.extract(0.05)
+    assert area(extracted.vertices, extracted.faces) == pytest.approx(area(vertices, asset.content.faces), rel=1e-6)
+    if mesh != "open":
+        volume = signed_volume(vertices, asset.content.faces)
+        assert signed_volume(extracted.vertices, extracted.faces) == pytest.approx(volume, rel=1e-5)
+    assert extracted.statistics["folded_area"] == 0
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_huge_edge_length_is_the_base_mesh_mapped(mesh: str) -> None:
+    asset = Asset(content_of(mesh))
+    extracted = asset.extract(1e9)
+    np.testing.assert_array_equal(extracted.faces, asset.content.faces)
+    faces = asset.content.faces
+    corner = np.array([np.argwhere(faces == v)[0] for v in range(len(asset.content.vertices))])
+    mapped = asset.map_points(corner[:, 0].astype(np.int32), np.eye(3)[corner[:, 1]])
+    np.testing.assert_allclose(extracted.vertices, mapped, rtol=0, atol=1e-6 * asset.longest_side)
+
+
+def test_repeatable_for_any_number_of_threads() -> None:
+    content = small_content(icosphere(2), width=32)
+    one, two, three = (extract_mesh(content, 0.04, threads) for threads in (1, 2, 3))
+    assert len(one.vertices) > 20_000  # enough rows for every thread
+    for other in (two, three):
+        for name in ("vertices", "faces", "base_faces", "barycentric"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_scale_and_place_of_the_input_do_not_matter() -> None:
+    near = extract_mesh(small_content(torus()), 0.1)
+    far = extract_mesh(small_content(torus(), center=(1e6, -1e6, 3.0), scale=1e-6), 0.1e-6)
+    np.testing.assert_array_equal(near.faces, far.faces)
+    np.testing.assert_allclose((far.vertices - np.array([1e6, -1e6, 3.0])) / 1e-6, near.vertices, atol=1e-3)
+
+
+def test_refining_goes_on_from_the_stage_before() -> None:
+    asset = Asset(content_of("torus"))
+    lengths = [0.5, 0.1, 0.1, 0.03]
+    stages = list(asset.refine(lengths))
+    assert [stage.edge_length for stage in stages] == lengths
+    for stage, finer in itertools.pairwise(stages):
+        count = len(stage.vertices)
+        np.testing.assert_array_equal(finer.vertices[:count], stage.vertices)
+        assert topology(finer.faces, len(finer.vertices)).manifold
+        assert longest_edge(finer) <= finer.edge_length * (1 + 1e-12)
+    np.testing.assert_array_equal(stages[1].faces, stages[2].faces)
+    assert len(stages[0].faces) < len(stages[1].faces) < len(stages[3].faces)
+
+
+def test_coarser_stage_is_refused() -> None:
+    stages = refine_mesh(content_of("sphere"), [0.2, 0.3])
+    next(stages)
+    with pytest.raises(ExtractionError, match=r"0\.3 is larger than the one before, 0\.2"):
+        next(stages)
+
+
+@pytest.mark.parametrize("edge_length", [0.0, -1.0, float("nan"), float("inf")])
+def test_edge_lengths_that_are_not_positive(edge_length: float) -> None:
+    with pytest.raises(ExtractionError, match="not a positive number"):
+        extract_mesh(content_of("sphere"), edge_length)
+
+
+def test_too_fine_is_refused_at_once_with_a_length_that_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ExtractionError, match="more than 20000000 vertices; the smallest possible is about"):
+        extract_mesh(content_of("sphere"), 1e-12)
+    monkeypatch.setattr(subdivision, "MAX_VERTICES", 10_000)
+    content = content_of("sphere")
+    with pytest.raises(ExtractionError, match="smallest possible") as caught:
+        extract_mesh(content, 0.001)
+    smallest = float(str(caught.value).split()[-1])
+    assert len(extract_mesh(content, smallest).vertices) <= 10_000
+    with pytest.raises(ExtractionError, match="smallest possible"):
+        extract_mesh(content, smallest / 2)
+
+
+def with_displacement(content: AssetContent, step: float) -> AssetContent:
+    """The same codes with another step for the last layer."""
+    block = content.fields["displacement"]
+    last = block.weights[-1]
+    assert isinstance(last, QuantisedArray)
+    weights = (*block.weights[:-1], QuantisedArray(last.codes, step))
+    return dataclasses.replace(
+        content, fields={**content.fields, "displacement": dataclasses.replace(block, weights=weights)}
+    )
+
+
+def test_a_field_that_is_not_finite_is_refused() -> None:
+    content = content_of("sphere")
+    block = content.fields["displacement"]
+    first = block.weights[1]
+    assert isinstance(first, QuantisedArray)
+    weights = (block.weights[0], QuantisedArray(first.codes, 1e30), block.weights[2])
+    content = dataclasses.replace(content, fields={"displacement": dataclasses.replace(block, weights=weights)})
+    with pytest.raises(ExtractionError, match="not finite|vertices"):
+        extract_mesh(with_displacement(content, 1e30))
+
+
+def test_a_rough_field_is_followed_to_the_end() -> None:
+    """Untrained weights on eight levels: the surface folds so much that edges with near ends miss what is between."""
+    extracted = extract_mesh(small_content(icosphere(0), levels=8, width=16, amplitude=0.02), 0.03)
+    assert longest_edge(extracted) <= 0.03 * (1 + 1e-12)
+    assert extracted.statistics["euler_characteristic"] == 2
+    assert extracted.statistics["manifold"]
+
+
+def test_a_wildly_rough_field_ends_with_an_error() -> None:
+    with pytest.raises(ExtractionError, match="vertices|rough"):
+        extract_mesh(with_displacement(content_of("sphere"), 1e20))
+
+
+def test_a_base_mesh_that_is_not_manifold_is_refused() -> None:
+    content = content_of("sphere")
+    faces = np.concatenate([content.faces, content.faces[:1]])
+    with pytest.raises(ExtractionError, match="not an oriented manifold: 3 edges of more than two faces"):
+        extract_mesh(dataclasses.replace(content, faces=faces), 0.1)
+    turned = content.faces.copy()
+    turned[0] = turned[0, ::-1]
+    with pytest.raises(ExtractionError, match="3 of two that disagree"):
+        extract_mesh(dataclasses.replace(content, faces=turned), 0.1)
+
+
+def test_unused_base_vertices_are_left_out() -> None:
+    content = content_of("sphere")
+    faces = content.faces[~(content.faces == 3).any(axis=1)]
+    extracted = extract_mesh(dataclasses.replace(content, faces=faces), 1e9)
+    assert len(extracted.vertices) == len(content.vertices) - 1
+    assert extracted.statistics["manifold"]
+    assert not extracted.statistics["closed"]
