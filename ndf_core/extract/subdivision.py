@@ -32,7 +32,7 @@ FLIP_ROUNDS = 12
 """Rounds of splitting in which edges are flipped too; after them flips may not undo what splitting needs to end."""
 
 _LIKELY = 2.0
-"""Vertices times edge length squared over area: between 2.3 and 3.5 on closed meshes, 1.15 at the very least."""
+"""Vertices times edge length squared over area: 2.3 to 3.3 in practice, 1.15 at the very least."""
 _SAFE = 4.0
 """The same, for the edge length that an error recommends."""
 
