@@ -17,7 +17,7 @@ from torch import Tensor
 from ndf_core.asset.content import FieldBlock, QuantisedArray, Stored
 from ndf_core.fitting.blocks import field_blocks
 from ndf_core.fitting.compact import canonical_features, error_metric
-from ndf_core.fitting.geometry import BaseGeometry
+from ndf_core.fitting.geometry import BaseGeometry, mapped_frame
 from ndf_core.fitting.network import Parameters, displace, interpolate, invert
 from ndf_core.fitting.projection import BoxProjector
 from ndf_core.fitting.sampling import BasePoints, generator_at, mapped_areas, stratified
@@ -27,6 +27,8 @@ RMS_BUDGET = 0.02
 CYCLE_BUDGET = 0.10
 """Growth of the cycle loss that quantising the inverse may cost."""
 _SAMPLES = 16_384
+"""For the error that decides; the sensitivities are averages over many numbers and need fewer."""
+_PROBE_SAMPLES = 4096
 _PROBES = 4
 _LARGEST_CODE = 32_000
 _BISECTIONS = 10
@@ -40,10 +42,11 @@ def quantise(
     """Field blocks of the trained parameters; `parameters` come back in canonical form, the same field."""
     density = mapped_areas(geometry, parameters)
     base = stratified(geometry, density, _SAMPLES, generator_at(seed, _STREAM))
-    canonical_features(parameters, geometry, base)
-    steps = _forward_steps(parameters, geometry, projector, base)
+    probes = stratified(geometry, density, _PROBE_SAMPLES, generator_at(seed, _STREAM + 1))
+    canonical_features(parameters, geometry, probes)
+    steps = _forward_steps(parameters, geometry, projector, base, probes)
     if keep_inverse:
-        steps |= _inverse_steps(_rounded(parameters, steps), base)
+        steps |= _inverse_steps(_rounded(parameters, steps), base, probes)
     return field_blocks(parameters.shape, lambda name: stored(parameters, name, steps[name]), keep_inverse)
 
 
@@ -54,53 +57,52 @@ def stored(parameters: Parameters, name: str, step: float) -> Stored:
 
 
 def _forward_steps(
-    parameters: Parameters, geometry: BaseGeometry, projector: BoxProjector, base: BasePoints
+    parameters: Parameters, geometry: BaseGeometry, projector: BoxProjector, base: BasePoints, probes: BasePoints
 ) -> dict[str, float]:
-    metric = error_metric(parameters, geometry, base)
-
-    def mapped(candidate: Parameters) -> Tensor:
-        features = interpolate(candidate.features, base.batch.corners, base.barycentric)
-        return displace(candidate, base.batch.positions, features)
-
-    exact = mapped(parameters)
+    metric = error_metric(parameters, geometry, probes)
+    exact = _map(parameters, probes)
     directions = None
     if projector.needs_directions:
-        directions = torch.nn.functional.normalize(metric.diagonal(dim1=1, dim2=2), dim=1)
+        directions = mapped_frame(parameters, geometry, base.face, base.barycentric).frame.normal
 
     def error(candidate: Parameters) -> float:
-        points = mapped(candidate)
+        points = _map(candidate, base)
         projection = projector.project(points, directions)
         distance = (points - projection.points)[projection.converged]
         return float(distance.double().square().sum(1).mean())
 
     names = [name for name in parameters.views if not name.startswith("inverse") and parameters.views[name].numel()]
     sensitivity = _sensitivities(
-        parameters, names, lambda candidate: torch.einsum("nij,nj->ni", metric, mapped(candidate) - exact)
+        parameters, names, lambda candidate: torch.einsum("nij,nj->ni", metric, _map(candidate, probes) - exact)
     )
     allowed = error(parameters) * (1 + RMS_BUDGET) ** 2
     return _coarsest(parameters, sensitivity, lambda candidate: error(candidate) <= allowed)
 
 
-def _inverse_steps(parameters: Parameters, base: BasePoints) -> dict[str, float]:
+def _inverse_steps(parameters: Parameters, base: BasePoints, probes: BasePoints) -> dict[str, float]:
     """Steps of the inverse network, given the forward one as it will be decoded."""
-    features = interpolate(parameters.features, base.batch.corners, base.barycentric)
-    points = displace(parameters, base.batch.positions, features)
-    exact = invert(parameters, points)
+    points, probe_points = _map(parameters, base), _map(parameters, probes)
+    exact = invert(parameters, probe_points)
 
     def cycle(candidate: Parameters) -> float:
         return float((invert(candidate, points) - base.batch.positions).double().square().sum(1).mean())
 
     names = [name for name in parameters.views if name.startswith("inverse")]
-    sensitivity = _sensitivities(parameters, names, lambda candidate: invert(candidate, points) - exact)
+    sensitivity = _sensitivities(parameters, names, lambda candidate: invert(candidate, probe_points) - exact)
     allowed = cycle(parameters) * (1 + CYCLE_BUDGET)
     return _coarsest(parameters, sensitivity, lambda candidate: cycle(candidate) <= allowed)
+
+
+def _map(parameters: Parameters, base: BasePoints) -> Float[Tensor, "n 3"]:
+    features = interpolate(parameters.features, base.batch.corners, base.barycentric)
+    return displace(parameters, base.batch.positions, features)
 
 
 def _sensitivities(
     parameters: Parameters, names: list[str], change: Callable[[Parameters], Float[Tensor, "n 3"]]
 ) -> dict[str, float]:
     """Root mean squared change of the output per unit change of one number of each tensor, by random probes."""
-    generator = generator_at(0, _STREAM + 1)
+    generator = generator_at(0, _STREAM + 2)
     result: dict[str, float] = {}
     for name in names:
         view = parameters.views[name]
