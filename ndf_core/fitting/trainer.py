@@ -14,6 +14,7 @@ from torch import Tensor
 from ndf_core.config.fit import FitConfig
 from ndf_core.errors import FitError
 from ndf_core.fitting.geometry import BaseGeometry, mapped_frame
+from ndf_core.fitting.interrupts import held_interrupts
 from ndf_core.fitting.losses import Anchors, optional_gradient
 from ndf_core.fitting.network import Parameters
 from ndf_core.fitting.observer import Observer
@@ -96,33 +97,33 @@ class Trainer:
         """Train up to step `until`; calls `save` every `checkpoint_seconds`, and when interrupted.
 
         Raises:
-            FitError: a loss is not finite, or no sample could be projected.
-            KeyboardInterrupt: passed on, after `save`.
+            FitError: a loss is not finite, or no sample could be projected; the last checkpoint is kept.
+            KeyboardInterrupt: on SIGINT, after the steps that share samples are done and `save` was called.
         """
         report, saved, sums = time.monotonic(), time.monotonic(), Progress()
-        try:
-            while self.step_count < until:
+        with held_interrupts() as interrupts:
+            while self.step_count < until and not (interrupts.came and self._can_save()):
                 self._step(sums)
                 now = time.monotonic()
                 if now - report > _REPORT_SECONDS:
                     self._report(sums, until, now - report)
                     report, sums = now, Progress()
-                if now - saved > self.config.checkpoint_seconds and self._at_boundary():
+                if now - saved > self.config.checkpoint_seconds and self._can_save():
                     self._check_finite(sums)
                     save()
                     saved = now
                 if after_step is not None:
                     after_step()
-        except KeyboardInterrupt:
-            while not self._at_boundary():
-                self._step(sums)
-            save()
-            raise
+            if interrupts.came:
+                self._check_finite(sums)
+                if self._can_save():
+                    save()
+                raise KeyboardInterrupt
         self._report(sums, until, max(time.monotonic() - report, 1e-9))
 
-    def _at_boundary(self) -> bool:
+    def _can_save(self) -> bool:
         """Samples that are kept for some steps are not in the checkpoint: save only where new ones are drawn."""
-        return self.step_count % self.config.resample_every == 0
+        return self.step_count % self.config.resample_every == 0 or self.step_count >= self.config.steps
 
     def _step(self, sums: Progress) -> None:
         base = self._samples()
@@ -154,7 +155,8 @@ class Trainer:
         return self._kept
 
     def _check_finite(self, sums: Progress) -> None:
-        if not (sums.residual < float("inf") and sums.cycle < float("inf")):
+        finite = sums.residual < float("inf") and sums.cycle < float("inf")
+        if not (finite and bool(torch.isfinite(self.parameters.flat).all())):
             raise FitError(
                 f"the loss is not finite at step {self.step_count} (projection {sums.residual:g}, cycle "
                 f"{sums.cycle:g}); lower --learning-rate, or look at the input with --recipe paper"
