@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from ndf_core.errors import FitError
 from ndf_core.fitting.geometry import BaseGeometry, area_ratio
 from ndf_core.fitting.network import Parameters, displace, interpolate
 from ndf_core.fitting.step import Batch
@@ -62,6 +63,9 @@ def by_rejection(
 ) -> BasePoints:
     """`count` base points with density proportional to |det J_f|, by rejection from the uniform density.
 
+    Raises:
+        FitError: the mapped surface has no area, or is not finite.
+
     Reference: Sec. 3.2 (the loss is an integral over the mapped surface).
     """
     faces: list[Tensor] = []
@@ -76,6 +80,10 @@ def by_rejection(
             # Over the 99th percentile the density is cut off: one wild spot would otherwise reject everything else.
             ceiling = float(ratio.quantile(0.99).clamp_min(1e-30))
         keep = torch.rand(_CANDIDATES, generator=generator).to(ratio.device) * ceiling < ratio
+        if not keep.any():  # and never will be
+            raise FitError(
+                "no sample can be drawn: the mapped surface has no area or is not finite; lower --learning-rate"
+            )
         faces.append(face[keep])
         weights.append(barycentric[keep])
         found += int(keep.sum())
