@@ -30,8 +30,8 @@ def optional_gradient(
 ) -> Float[Tensor, " p"] | None:
     """Gradient of the weighted anchor, normal and conformality losses; None where all of them are off.
 
-    `normals` are the surface's at the projections of `base`; without them the normal loss is zero and det J keeps
-    its unsigned value.
+    `normals` are the surface's at the projections of `base`, zero where there is none: such rows count in neither of
+    the last two. Without any, det J keeps its unsigned value.
     """
     flat = parameters.flat.detach().requires_grad_()
     live = Parameters(parameters.shape, flat)
@@ -56,15 +56,16 @@ def anchor_loss(parameters: Parameters, anchors: Anchors) -> Float[Tensor, ""]:
 
 
 def normal_loss(mapped: MappedFrame, normals: Float[Tensor, "n 3"]) -> Float[Tensor, ""]:
-    """Mean of |n_theta - n_surface|^2 (App. D.2)."""
-    return (mapped.frame.normal - normals).square().sum(1).mean()
+    """Mean of |n_theta - n_surface|^2 (App. D.2); rows without a surface normal (zero) add nothing."""
+    known = normals.any(dim=1)
+    return ((mapped.frame.normal - normals).square().sum(1) * known).mean()
 
 
 def conformality_loss(mapped: MappedFrame, sides: Float[Tensor, " n"] | None) -> Float[Tensor, ""]:
     """Mean of softplus_10(-det J / tr J^T J) (App. D.3).
 
     det J_f is never negative in the frame built from J itself, so its sign is taken from `sides`: that of
-    n_theta . n_surface at the projection, -1 where the map is folded over.
+    n_theta . n_surface at the projection, -1 where the map is folded over. Rows of side 0 have no gradient.
     """
     determinant = mapped.area_ratio if sides is None else mapped.area_ratio * sides
     trace = mapped.jacobian.square().sum((1, 2))

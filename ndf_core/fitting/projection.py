@@ -18,12 +18,13 @@ class BoxProjection(NamedTuple):
     points: Float[Tensor, "n 3"]
     converged: Bool[Tensor, " n"]
     normals: Float[Tensor, "n 3"] | None
+    """Zero where the row did not converge or its normal is not finite; None where the surface has no normals."""
 
 
 class BoxProjector:
     """Maps box-frame points to input units, projects, and maps back (App. A.1).
 
-    The plugin gets float64 points in input units, whatever their offset; the residual is formed in float64 before it
+    The plugin gets float64 points in input units, whatever their offset; its answer is recentred in float64 before it
     is rounded to the box frame's float32.
     """
 
@@ -44,4 +45,11 @@ class BoxProjector:
         found = ((answer.points - center) / self._scale).float()
         converged = answer.converged & torch.isfinite(found).all(dim=1)
         found = torch.where(converged[:, None], found, points.detach())
-        return BoxProjection(found, converged, None if answer.normals is None else answer.normals.float())
+        return BoxProjection(found, converged, _usable(answer.normals, converged))
+
+
+def _usable(normals: Float[Tensor, "n 3"] | None, converged: Bool[Tensor, " n"]) -> Float[Tensor, "n 3"] | None:
+    if normals is None:
+        return None
+    known = converged & torch.isfinite(normals).all(dim=1)
+    return torch.where(known[:, None], normals, 0.0).float()
