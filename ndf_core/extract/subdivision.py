@@ -24,7 +24,7 @@ from ndf_core.kernels.subdivide import (
 )
 
 MAX_VERTICES = 20_000_000
-"""Largest mesh that is extracted; it takes about 4 GB on the way."""
+"""Largest mesh that is extracted; it takes about 6 GB on the way."""
 MAX_ROUNDS = 48
 """Halving an edge more often than this leaves the range where weights are exact."""
 FLIP_SWEEPS = 3
