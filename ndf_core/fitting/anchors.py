@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,8 @@ def read_anchors(path: Path) -> Float[Array, "m 6"]:
         ConfigError: the file cannot be read, is too large, or a line is not six finite numbers.
     """
     try:
+        if not path.is_file():
+            raise ConfigError(f"anchors {path}: there is no such file")
         if path.stat().st_size > _MOST_BYTES:
             raise ConfigError(f"anchors {path}: larger than {_MOST_BYTES // 10**6} MB; give a few dozen pairs")
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -44,6 +47,11 @@ def read_anchors(path: Path) -> Float[Array, "m 6"]:
     if not rows:
         raise ConfigError(f"anchors {path}: holds no pairs; give lines px,py,pz,qx,qy,qz")
     return np.array(rows)
+
+
+def anchor_fingerprint(pairs: Float[Array, "m 6"]) -> str:
+    """SHA-256 (hex, shortened) of the pairs: what a run is known by, wherever the file lies."""
+    return hashlib.sha256(np.ascontiguousarray(pairs, dtype="<f8").tobytes()).hexdigest()[:32]
 
 
 def place_anchors(

@@ -18,13 +18,18 @@ from torch import Tensor
 
 from ndf_core import __version__
 from ndf_core.asset.asset import Asset
-from ndf_core.asset.base_mesh_codec import decode_base_mesh
 from ndf_core.asset.content import AssetContent
 from ndf_core.base_mesh.quantise import EncodedBaseMesh, encode_base_mesh
 from ndf_core.config.fit import FitConfig
 from ndf_core.errors import ConfigError, ResumeError
-from ndf_core.fitting.anchors import place_anchors, read_anchors
-from ndf_core.fitting.checkpoint import checkpoint_path, read_checkpoint, write_checkpoint
+from ndf_core.fitting.anchors import anchor_fingerprint, place_anchors, read_anchors
+from ndf_core.fitting.checkpoint import (
+    base_mesh_of,
+    base_mesh_tensors,
+    checkpoint_path,
+    read_checkpoint,
+    write_checkpoint,
+)
 from ndf_core.fitting.geometry import BaseGeometry
 from ndf_core.fitting.identity import initial_parameters
 from ndf_core.fitting.measure import Accuracy, measure
@@ -120,10 +125,11 @@ class _Run:
         self._output, self._device, self._threads = output, device, threads
         self._clock = _Clock(observer)
         self._remarks: tuple[Remark, ...] = ()
+        self._pairs = _anchor_pairs(config)
 
     def run(self, resume: bool) -> FitResult:
         config, clock = self._config, self._clock
-        pairs = read_anchors(Path(config.anchors)) if config.anchors else None
+        pairs = self._pairs
         held = self._held(resume)
         with clock.stage("base mesh"):
             base = self._base_mesh(held)
@@ -138,6 +144,7 @@ class _Run:
             self._observer.message(f"resumed at step {trainer.step_count} of {config.steps}")
         with clock.stage("train"):
             trainer.run(config.steps, lambda: self._save(trainer, base))
+            self._save(trainer, base)
         with clock.stage("quantise"):
             blocks = quantise(parameters, geometry, projector, config.seed, keep_inverse=config.keep_inverse)
         content = AssetContent(base.vertices, base.faces, base.center, base.scale, blocks, {}, base.blob)
@@ -150,7 +157,7 @@ class _Run:
 
     def _identity(self) -> dict[str, Any]:
         """What a checkpoint must agree with."""
-        config = self._config.model_dump(exclude={"checkpoint_seconds"})
+        config = self._options("checkpoint_seconds")
         config["threads"], config["device"] = self._threads, self._device.type
         return {
             **config,
@@ -159,6 +166,11 @@ class _Run:
             "ndf": __version__,
             "torch": torch.__version__,
         }
+
+    def _options(self, *left_out: str) -> dict[str, Any]:
+        """The config with the anchors themselves in place of their path."""
+        options = self._config.model_dump(exclude=set(left_out))
+        return options | {"anchors": None if self._pairs is None else anchor_fingerprint(self._pairs)}
 
     def _held(self, resume: bool) -> dict[str, Tensor] | None:
         if not resume:
@@ -173,11 +185,8 @@ class _Run:
 
     def _base_mesh(self, held: dict[str, Tensor] | None) -> EncodedBaseMesh:
         if held is not None:
-            vertices, faces, bits = (int(n) for n in held["base.counts"])
-            blob = held["base.blob"].numpy().tobytes()
-            points, triangles = decode_base_mesh(blob, vertices, faces)
-            center, scale = held["base.center"].numpy(), float(held["base.scale"])
-            return EncodedBaseMesh(blob, points, triangles, center, scale, bits)
+            base, self._remarks = base_mesh_of(held)
+            return base
         mesh = self._surface.base_mesh.extract(self._config.faces, self._config.seed)
         self._remarks = mesh.remarks
         for remark in mesh.remarks:
@@ -187,13 +196,7 @@ class _Run:
     def _save(self, trainer: Trainer, base: EncodedBaseMesh) -> None:
         if self._output is None:
             return
-        tensors = {
-            **trainer.state,
-            "base.blob": torch.frombuffer(bytearray(base.blob), dtype=torch.uint8),
-            "base.counts": torch.tensor([len(base.vertices), len(base.faces), base.bits]),
-            "base.center": torch.from_numpy(np.asarray(base.center, dtype=np.float64)),
-            "base.scale": torch.tensor(base.scale, dtype=torch.float64),
-        }
+        tensors = trainer.state | base_mesh_tensors(base, self._remarks)
         write_checkpoint(checkpoint_path(self._output), tensors, self._identity())
 
     def _measure(self, asset: Asset) -> Accuracy:
@@ -218,7 +221,7 @@ class _Run:
 
     def _provenance(self, accuracy: Accuracy, trainer: Trainer) -> dict[str, Any]:
         defaults = FitConfig.model_validate({}).model_dump()
-        config = self._config.model_dump(exclude=set(_NOT_IDENTITY))
+        config = self._options(*_NOT_IDENTITY)
         error = accuracy.as_dict()
         error["trained_converged"] = trainer.converged / max(trainer.projected, 1)
         return {
@@ -266,6 +269,17 @@ class _Run:
             "device": self._device.type,
             "threads": self._threads,
         }
+
+
+def _anchor_pairs(config: FitConfig) -> Float[Array, "m 6"] | None:
+    """The anchors, read once.
+
+    Raises:
+        ConfigError: they cannot be read, or only one of file and weight is given, which would do nothing.
+    """
+    if bool(config.anchors) != bool(config.loss.anchor):
+        raise ConfigError("--anchors and --loss.anchor belong together: give a file and a weight above 0, or neither")
+    return read_anchors(Path(config.anchors)) if config.anchors else None
 
 
 def _without_training(config: FitConfig) -> FitConfig:
