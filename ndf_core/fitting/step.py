@@ -86,7 +86,8 @@ class FusedStep:
         `cycle_stride`-th row; `cycle_weight` multiplies its mean. Batches come sorted by face, so each step has to
         start at another row (`turn`, the step's number), or some faces would never be among them.
         """
-        first = turn % self._cycle_stride
+        # A stride that does not divide the batch leaves some rows at the end: more starts reach them as well.
+        first = turn % (len(self.mapped) - (len(self._cosines) - 1) * self._cycle_stride)
         loss = self._cycle(parameters, batch.positions, output_gradient, cycle_weight, first)
         self._pull_back(parameters, batch, output_gradient)
         return loss
