@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ndf_core.config.fit import LossWeights
+from ndf_core.errors import ConfigError
 from ndf_core.fitting.geometry import BaseGeometry, MappedFrame, mapped_frame
 from ndf_core.fitting.network import Parameters, displace, interpolate
 from ndf_core.fitting.sampling import BasePoints
@@ -32,7 +33,12 @@ def optional_gradient(
 
     `normals` are the surface's at the projections of `base`, zero where there is none: such rows count in neither of
     the last two. Without any, det J keeps its unsigned value.
+
+    Raises:
+        ConfigError: there is a weight for the normal loss, and the surface has no normals.
     """
+    if weights.normal and normals is None:
+        raise ConfigError("--loss.normal needs surface normals, and this representation gives none; leave it out")
     flat = parameters.flat.detach().requires_grad_()
     live = Parameters(parameters.shape, flat)
     total: Tensor | None = None
