@@ -48,8 +48,8 @@ def stratified(
 ) -> BasePoints:
     """`count` base points; a face gets the floor or the ceiling of its share of `density` (systematic sampling).
 
-    One random offset for all ticks makes that so; a tick of its own offset each would be off by almost two. The points
-    come sorted by face, which keeps the gather of vertex features in cache.
+    One random offset for all ticks makes that so; with one for each, a face could miss its share by almost two. The
+    points come sorted by face, which keeps the gather of vertex features in cache.
     """
     cumulative = torch.cumsum(density.double().cpu(), 0)
     ticks = (torch.arange(count) + torch.rand(1, generator=generator, dtype=torch.float64)) / count
