@@ -28,8 +28,8 @@ def decimate(
     max_faces: int,
     *,
     weights: Float[Array, " n"] | None = None,
-    regularisation: float = 0.03,
-    shape: float = 0.5,
+    regularisation: float = 0.01,
+    shape: float = 0.25,
     altitude: float = 5e-4,
     boundary: float = 1.0,
 ) -> Decimated:
