@@ -34,7 +34,8 @@ class AnalyticConfig(BaseModel):
         None,
         gt=0,
         allow_inf_nan=False,
-        description="bound of |gradient|; a CSG tree knows its own, that of a function is estimated from samples",
+        description="bound of |phi| / distance to the surface; a CSG tree knows its own, that of a function is "
+        "estimated from samples",
     )
     resolution: int = Field(256, ge=16, le=1024, description="cells of the base mesh's grid along the longest side")
     corrections: int = Field(

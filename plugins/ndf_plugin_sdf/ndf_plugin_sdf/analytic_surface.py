@@ -64,7 +64,7 @@ def _from_function(name: str, function: Callable[[Any], Any], text: bytes, confi
     wrapped = probe(name, function, points[:7])
     field = CallableField(wrapped, bounds, config.lipschitz)
     check_contained(field, name)
-    notes = [] if config.lipschitz else [f"|gradient| of {name} estimated to be at most {field.lipschitz:.3g}"]
+    notes = [] if config.lipschitz else [f"|{name}| estimated to be at most {field.lipschitz:.3g} times the distance"]
     if not wrapped.differentiable:
         notes.append(f"{name} is not differentiable by torch; its gradient is taken numerically")
     # What the function computes counts, besides its text: it may use other modules.

@@ -11,10 +11,10 @@ from ndf_core.interfaces import Projection, Projector
 from ndf_plugin_sdf.implicit_field import ImplicitField
 from ndf_plugin_sdf.newton import TOLERANCE, Landing, land
 
-MOST_STEPS = 40
-MOST_CORRECTING_STEPS = 20
-WORTH_CORRECTING = 1e-6
-"""Tangential offsets below this share of the size are left alone: a hundredth of the error of a good fit."""
+MOST_STEPS = 24
+MOST_CORRECTING_STEPS = 8
+WORTH_CORRECTING = 1e-5
+"""Tangential offsets below this share of the size are left alone: a tenth of the error of a good fit."""
 
 
 class LevelSetProjector(Projector):

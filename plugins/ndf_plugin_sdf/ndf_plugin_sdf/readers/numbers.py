@@ -21,11 +21,11 @@ def parse_numbers(text: bytes) -> Float[Array, " n"]:
     if b"\0" in text:
         raise ValueError("there are bytes that are no text")
     with warnings.catch_warnings():
-        # numpy only warns, and stops at what it cannot read.
+        # Before 2.4, numpy only warns and stops at what it cannot read.
         warnings.simplefilter("error", DeprecationWarning)
         try:
             return np.fromstring(text.decode("latin-1"), dtype=np.float64, sep=" ")
-        except DeprecationWarning as error:
+        except (DeprecationWarning, ValueError) as error:
             raise ValueError("there is text where numbers should be") from error
 
 

@@ -51,7 +51,8 @@ def off(vertices: np.ndarray, faces: np.ndarray) -> bytes:
 def ply_header(kind: str, vertices: int | str, faces: int | str, real: str = "double") -> bytes:
     return (
         f"ply\nformat {kind} 1.0\ncomment made by a test\nelement vertex {vertices}\n"
-        f"property {real} x\nproperty {real} y\nproperty {real} z\nelement face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
+        f"property {real} x\nproperty {real} y\nproperty {real} z\nelement face {faces}\n"
+        "property list uchar int vertex_indices\nend_header\n"
     ).encode()
 
 
