@@ -216,19 +216,18 @@ def affine_parameters(
     matrix: Float[Array, "3 3"] | None = None,
     offsets: Float[Array, "v 3"] | None = None,
 ) -> Parameters:
-    """The field g(x) = matrix x + offsets(x), exactly, with offsets linear over each face.
+    """The field g(x) = matrix x + offsets(x), with offsets linear over each face; inputs stay above -8.
 
-    ReLU passes v = relu(v) - relu(-v), so that a network of width 12 can copy x and three features.
+    ReLU passes v = relu(v + 8) - 8, so that a network of width 6 can copy x and three features.
     """
-    encoding = Encoding(base_frequency=1.0, levels=0, include_position=True)
-    shape = NetworkShape(encoding, 12, 1, len(geometry.vertices), 3)
+    shape = NetworkShape(Encoding(1.0, 0, include_position=True), 6, 1, len(geometry.vertices), 3)
     parameters = Parameters.zeros(shape)
-    first, last = parameters.views["forward.weight.0"], parameters.views["forward.weight.1"]
-    both = torch.cat([torch.eye(3 + 3), -torch.eye(3 + 3)])
-    first.copy_(both)
     linear = torch.eye(3) if matrix is None else torch.from_numpy(matrix).float()
     out = torch.cat([linear - torch.eye(3), torch.eye(3)], dim=1)
-    last.copy_(torch.cat([out, -out], dim=1))
+    parameters.views["forward.weight.0"].copy_(torch.eye(6))
+    parameters.views["forward.bias.0"].fill_(8)
+    parameters.views["forward.weight.1"].copy_(out)
+    parameters.views["forward.bias.1"].copy_(-8 * out.sum(1))
     if offsets is not None:
         parameters.features.copy_(torch.from_numpy(offsets))
     return parameters
