@@ -27,7 +27,7 @@ from ndf_core.meshio import write_mesh
 from ndf_core.render import Camera, ColorBar, colormap, panels, render_mesh, write_png
 
 HERE = Path(__file__).parent
-SHOWPIECE = HERE / "shapes" / "showpiece.toml"
+SHOWPIECE = HERE / "shapes" / "teapot.toml"
 FRACTIONS = (30, 75, 150)
 """The three edge lengths, as parts of the longest side; the last is the paper's h = 0.02 in a box of 3."""
 DENSE_FACES = 60_000
@@ -72,7 +72,9 @@ def draw(
 ) -> None:
     """Input, base mesh, extracted mesh and error, seen by one camera."""
     finest, shown = meshes[-1], meshes[0]
-    camera = Camera.framing(dense[0], (35.0, 20.0), aspect=1.0)
+    camera = Camera.framing(
+        dense[0], (35.0, 20.0), aspect=1.0, up="z" if surface.representation == "analytic" else "y"
+    )
     error = distances(surface, finest.vertices) / result.asset.longest_side
     top = float(np.quantile(error, 0.99))
     content = result.asset.content

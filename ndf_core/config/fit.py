@@ -68,6 +68,9 @@ class FitConfig(BaseModel):
         "stratified", description="how base points are drawn in proportion to |det J|: per face, or point by point"
     )
     resample_every: int = Field(default=1, ge=1, le=100_000, description="steps that a set of samples is kept")
+    projection_visits: int = Field(
+        default=1, ge=1, le=64, description="visits of each sample; after the first, its projection serves as a plane"
+    )
     cycle_stride: int = Field(default=4, ge=1, le=1024, description="the cycle loss is taken on every n-th sample")
 
     identity_steps: int = Field(

@@ -63,7 +63,7 @@ class Optimizer:
             self._parameters.views[name].add_(direction, alpha=-2 * factor * self._config.learning_rate * tall)
 
 
-def orthogonalise(matrix: Float[Tensor, "m n"], iterations: int = 5) -> Float[Tensor, "m n"]:
+def orthogonalise(matrix: Float[Tensor, "m n"], iterations: int = 3) -> Float[Tensor, "m n"]:
     """Nearest semi-orthogonal matrix, roughly: singular values are driven into about [0.7, 1.2].
 
     Reference: the quintic Newton-Schulz iteration of Muon (Jordan et al. 2024).

@@ -20,6 +20,7 @@ from ndf_core.fitting.network import Parameters
 from ndf_core.fitting.observer import Observer
 from ndf_core.fitting.optimizer import Optimizer, rate_factor
 from ndf_core.fitting.projection import BoxProjection, BoxProjector
+from ndf_core.fitting.samples import Samples
 from ndf_core.fitting.sampling import BasePoints, by_rejection, generator_at, mapped_areas, stratified
 from ndf_core.fitting.step import FusedStep, tile_size
 
@@ -68,13 +69,14 @@ class Trainer:
         self.anchors = anchors
         self._optimizer = Optimizer(parameters, config)
         self._density = geometry.areas
+        self._density_due = _DENSITY_STEPS
         # One worker per thread, each with whole torch operations on its own rows: unlike threads inside an operation
         # these do not wait for each other forty times a step, which is what hurts on a busy machine.
         workers = threads if torch.device(geometry.device).type == "cpu" else 1
         self._slices = row_slices(config.batch, workers, tile_size(config.batch, geometry.device))
         self._workers = [_Worker(self, slices) for slices in self._slices]
         self._pool = ThreadPoolExecutor(len(self._workers) - 1) if len(self._workers) > 1 else None
-        self._kept: BasePoints | None = None
+        self._kept: dict[int, Samples] = {}
 
     @property
     def state(self) -> dict[str, Tensor]:
@@ -82,7 +84,7 @@ class Trainer:
         return {
             "parameters": self.parameters.flat,
             "density": self._density,
-            "counts": torch.tensor([self.step_count, self.projected, self.converged]),
+            "counts": torch.tensor([self.step_count, self.projected, self.converged, self._density_due]),
             **self._optimizer.state,
         }
 
@@ -90,7 +92,7 @@ class Trainer:
         """Go on from a checkpoint of the same run."""
         self.parameters.flat.copy_(state["parameters"])
         self._density = state["density"].to(self.geometry.device)
-        self.step_count, self.projected, self.converged = (int(n) for n in state["counts"])
+        self.step_count, self.projected, self.converged, self._density_due = (int(n) for n in state["counts"])
         self._optimizer.load_state(state)
 
     def run(self, until: int, save: Callable[[], None], after_step: Callable[[], None] | None = None) -> None:
@@ -123,12 +125,14 @@ class Trainer:
 
     def _can_save(self) -> bool:
         """Samples that are kept for some steps are not in the checkpoint: save only where new ones are drawn."""
-        return self.step_count % self.config.resample_every == 0 or self.step_count >= self.config.steps
+        period = self.config.resample_every * self.config.projection_visits**2
+        return self.step_count % period == 0 or self.step_count >= self.config.steps
 
     def _step(self, sums: Progress) -> None:
-        base = self._samples()
-        waiting = [self._pool.submit(worker.gradient_of, base) for worker in self._workers[1:]] if self._pool else []
-        for part in [self._workers[0].gradient_of(base), *(future.result() for future in waiting)]:
+        samples, first = self._samples()
+        others = self._workers[1:]
+        waiting = [self._pool.submit(worker.gradient_of, samples, first) for worker in others] if self._pool else []
+        for part in [self._workers[0].gradient_of(samples, first), *(future.result() for future in waiting)]:
             sums.add(part)
             self.projected += part.projected
             self.converged += part.converged
@@ -141,18 +145,28 @@ class Trainer:
         if sums.steps % 64 == 0:
             self._check_finite(sums)
 
-    def _samples(self) -> BasePoints:
-        config, step = self.config, self.step_count
-        if self._kept is not None and step % config.resample_every:
-            return self._kept
-        generator = generator_at(config.seed, step)
+    def _samples(self) -> tuple[Samples, bool]:
+        """The batch of this step, and whether this is its first visit.
+
+        With v = `projection_visits`, v batches are visited in turn, v times each, before new ones are drawn, so that
+        a batch comes back after v steps and everything is drawn anew every v^2.
+        """
+        config, step = self.config, self.step_count // self.config.resample_every
+        visits = config.projection_visits
+        slot, first = step % visits, step // visits % visits == 0
+        if (first and self.step_count % config.resample_every == 0) or slot not in self._kept:
+            self._kept[slot] = Samples(self._draw())
+        return self._kept[slot], first
+
+    def _draw(self) -> BasePoints:
+        config = self.config
+        generator = generator_at(config.seed, self.step_count)
         if config.sampling == "rejection":
-            self._kept = by_rejection(self.geometry, self.parameters, config.batch, generator)
-        else:
-            if step % _DENSITY_STEPS == 0 and step:
-                self._density = mapped_areas(self.geometry, self.parameters)
-            self._kept = stratified(self.geometry, self._density, config.batch, generator)
-        return self._kept
+            return by_rejection(self.geometry, self.parameters, config.batch, generator)
+        if self.step_count >= self._density_due:
+            self._density = mapped_areas(self.geometry, self.parameters)
+            self._density_due = self.step_count + _DENSITY_STEPS
+        return stratified(self.geometry, self._density, config.batch, generator)
 
     def _check_finite(self, sums: Progress) -> None:
         finite = sums.residual < float("inf") and sums.cycle < float("inf")
@@ -203,23 +217,25 @@ class _Worker:
             n: FusedStep(parameters.shape, n, trainer.config.cycle_stride, device, self.gradient) for n in sizes
         }
 
-    def gradient_of(self, base: BasePoints) -> Progress:
+    def gradient_of(self, samples: Samples, first_visit: bool) -> Progress:
         """Fill `gradient` with this worker's share of the batch's mean; return its share of the sums."""
         self.gradient.flat.zero_()
         sums = Progress()
         for rows in self._slices:
-            self._add(base.rows(rows.start, rows.stop), sums)
+            self._add(samples, rows, first_visit, sums)
         return sums
 
-    def _add(self, base: BasePoints, sums: Progress) -> None:
+    def _add(self, samples: Samples, rows: slice, first_visit: bool, sums: Progress) -> None:
+        base = samples.base.rows(rows.start, rows.stop)
         trainer, weights = self._trainer, self._trainer.config.loss
         parameters, count = trainer.parameters, len(base.face)
         share = count / trainer.config.batch
         fused = self._fused[count]
         mapped = fused.map(parameters, base.batch)
-        projection = self._project(base, mapped)
-        sums.projected += count
-        sums.converged += int(projection.converged.sum())
+        projection, fresh = samples.project(rows, mapped, lambda: self._project(base, mapped), first_visit)
+        if fresh:
+            sums.projected += count
+            sums.converged += int(projection.converged.sum())
         residual = mapped - projection.points
         sums.residual += float(residual.square().sum()) / trainer.config.batch
         residual.mul_(2.0 * weights.projection / trainer.config.batch)
