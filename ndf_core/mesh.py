@@ -1,4 +1,4 @@
-"""Topology of triangle meshes as plain arrays: edges, components, Euler characteristic, manifold checks. Numpy only."""
+"""Topology of triangle meshes as plain arrays: components, Euler characteristic, manifold checks; numpy only."""
 
 from __future__ import annotations
 
@@ -70,19 +70,19 @@ def topology(faces: Int[Array, "f 3"], vertex_count: int) -> Topology:
     runs_forward = np.add.reduceat(forward, first) if count else np.zeros(0, np.int64)
     pairs = first[incident == 2]
     left, right = order[pairs] // 3, order[pairs + 1] // 3
-    used = np.unique(start)
+    used = int((np.bincount(start, minlength=1) > 0).sum()) if count else 0
     return Topology(
-        vertices=len(used),
+        vertices=used,
         faces=count,
         edges=len(first),
         components=_count_sets(count, left, right),
-        euler_characteristic=len(used) - len(first) + count,
+        euler_characteristic=used - len(first) + count,
         boundary_edges=int((incident == 1).sum()),
         non_manifold_edges=int((incident > 2).sum()),
-        non_manifold_vertices=_non_manifold_vertices(faces, order, pairs, len(used)),
+        non_manifold_vertices=_non_manifold_vertices(faces, order, pairs, used),
         inconsistent_edges=int((runs_forward[incident == 2] != 1).sum()),
         degenerate_faces=int((~distinct).sum()),
-        unused_vertices=vertex_count - len(used),
+        unused_vertices=vertex_count - used,
     )
 
 
@@ -129,7 +129,8 @@ def _union(count: int, left: Int[Array, " m"], right: Int[Array, " m"]) -> Int[A
 
 
 def _count_sets(count: int, left: Int[Array, " m"], right: Int[Array, " m"]) -> int:
-    return len(np.unique(_union(count, left, right))) if count else 0
+    # Each set is named after its smallest member.
+    return int((_union(count, left, right) == np.arange(count)).sum())
 
 
 def _non_manifold_vertices(
@@ -147,5 +148,5 @@ def _non_manifold_vertices(
             left.append(mine[match])
             right.append(other[match])
     root = _union(len(corner_vertex), np.concatenate(left), np.concatenate(right))
-    fans = np.unique(root)
-    return int((np.bincount(corner_vertex[fans])[np.unique(corner_vertex)] > 1).sum()) if used else 0
+    fans = np.flatnonzero(root == np.arange(len(root)))
+    return int((np.bincount(corner_vertex[fans]) > 1).sum()) if used else 0

@@ -25,17 +25,17 @@ SEARCHED_FACES = 60_000
 
 @dataclass(frozen=True)
 class LevelSetPolicy:
-    """What is too small to keep. Lengths are in cells, one cell being the longest side of the bounds / resolution."""
+    """How finely to look, and what is too small to keep."""
 
     resolution: int = 256
     """Cells along the longest side of the bounds."""
     max_resolution: int = 512
     """Taken when the Euler characteristic or the components differ between `resolution` and half of it."""
     min_component: float = 4.0
-    """Components and cavities with a smaller bounding-box diagonal are left out, whatever else happens."""
+    """Components and cavities with a smaller bounding-box diagonal, in cells of `resolution`, are left out."""
     min_loop: float = 8.0
-    """Handles and tunnels with a shorter loop are removed, but only if the topology still differs between the
-    highest resolution and half of it: what both agree on is taken for real, however thin."""
+    """Handles and tunnels with a shorter loop, in cells of the resolution reached, are removed, but only if the
+    topology still differs between it and half of it: what both agree on is taken for real, however thin."""
     bisections: int = 3
     """Halvings of the crossed edges, for fields without a distance bound (those may be occupancies)."""
 
@@ -94,43 +94,51 @@ class LevelSetExtractor(BaseMeshExtractor):
         resolution = policy.resolution
         while True:
             band = sample_near_level_set(self._field, self._bounds, resolution, self._lipschitz, self._distance)
-            vertices, faces, remarks = self._mesh(band, 1)
-            fine = topology(faces, len(vertices))
-            half_vertices, half_faces, _ = self._mesh(band, 2)
-            half = topology(half_faces, len(half_vertices))
-            settled = _same(fine, half)
+            fine, half = self._mesh(band, 1), self._mesh(band, 2)
+            settled = fine.same_topology(half)
             if settled or 2 * resolution > policy.max_resolution:
                 break
             resolution *= 2
-        if not settled:
-            cell = self._cell(resolution)
-            vertices, faces, _ = decimate(vertices, faces, SEARCHED_FACES)
-            vertices, faces, removed = remove_small_handles(vertices, faces, policy.min_loop * cell)
-            remarks += [*removed, _not_settled(resolution, fine, half)]
-        return vertices, faces, [*remarks, *_capped(band)]
+        if settled:
+            # A higher resolution was only taken to decide; where it agrees, the mesh asked for is good enough.
+            chosen = fine if resolution == policy.resolution else half
+            return chosen.vertices, chosen.faces, [*chosen.remarks, *_capped(band)]
+        limit = policy.min_loop * float(band.lattice.step.max())
+        thinned = decimate(fine.vertices, fine.faces, SEARCHED_FACES)
+        vertices, faces, removed = remove_small_handles(thinned.vertices, thinned.faces, limit)
+        return vertices, faces, [*fine.remarks, *removed, _not_settled(resolution, fine, half), *_capped(band)]
 
-    def _mesh(self, band: Band, width: int) -> tuple[Float[Array, "v 3"], Int[Array, "f 3"], list[Remark]]:
-        bisections = self._policy.bisections if self._lipschitz is None and width == 1 else 0
+    def _mesh(self, band: Band, width: int) -> _Dense:
+        bisections = self._policy.bisections if self._lipschitz is None else 0
         vertices, faces = marching_cubes(band, width, self._field, bisections)
-        if not len(faces):
-            return vertices, faces, []
-        cell = float(band.lattice.step.max())
-        return drop_crumbs(vertices, faces, self._policy.min_component * cell)
-
-    def _cell(self, resolution: int) -> float:
-        return float(np.ptp(self._bounds, axis=0).max()) / resolution
+        remarks: list[Remark] = []
+        if len(faces):
+            cell = float(np.ptp(self._bounds, axis=0).max()) / self._policy.resolution
+            vertices, faces, remarks = drop_crumbs(vertices, faces, self._policy.min_component * cell)
+        return _Dense(vertices, faces, remarks, topology(faces, len(vertices)))
 
 
-def _same(one: Topology, other: Topology) -> bool:
-    return one.euler_characteristic == other.euler_characteristic and one.components == other.components
+@dataclass(frozen=True)
+class _Dense:
+    """The level set at one resolution, without crumbs."""
+
+    vertices: Float[Array, "v 3"]
+    faces: Int[Array, "f 3"]
+    remarks: list[Remark]
+    counts: Topology
+
+    def same_topology(self, other: _Dense) -> bool:
+        mine, theirs = self.counts, other.counts
+        return (mine.euler_characteristic, mine.components) == (theirs.euler_characteristic, theirs.components)
 
 
-def _not_settled(resolution: int, fine: Topology, half: Topology) -> Remark:
+def _not_settled(resolution: int, fine: _Dense, half: _Dense) -> Remark:
+    one, other = fine.counts, half.counts
     return Remark(
         kind="topology_not_settled",
         message=(
-            f"at resolution {resolution} the level set has {fine.components} components of total genus {fine.genus}, "
-            f"at {resolution // 2} it has {half.components} of {half.genus}: parts are as thin as the cells; raise "
+            f"at resolution {resolution} the level set has {one.components} components of total genus {one.genus}, "
+            f"at {resolution // 2} it has {other.components} of {other.genus}: parts are as thin as the cells; raise "
             f"the resolution to keep them"
         ),
     )

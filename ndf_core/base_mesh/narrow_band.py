@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ndf_core.base_mesh.lattice import CORNERS, Lattice, ScalarField, evaluate
+from ndf_core.base_mesh.lattice import CORNERS, Lattice, ScalarField, distinct, evaluate
 from ndf_core.base_mesh.sampler import Sampler
 from ndf_core.errors import BaseMeshError
 
@@ -114,7 +114,7 @@ def _by_sign(sampler: Sampler) -> Int[Array, " b"]:
         # At width 2 the neighbours need not be added: the band is followed from there.
         around = cells if width == 2 else (cells[:, None] + _NEIGHBOURS).reshape(-1, 3)
         around = around[((around >= 0) & (around < lattice.size // width)).all(axis=1)]
-        keys = np.unique(lattice.cell_keys(around, width))
+        keys = distinct(lattice.cell_keys(around, width))
         if width == 2:
             return keys
         width //= 2
@@ -136,12 +136,12 @@ def _with_sign_change(sampler: Sampler, cells: Int[Array, "n 3"], width: int) ->
 def _block_corners(lattice: Lattice, blocks: Int[Array, " b"]) -> Int[Array, " n"]:
     offsets = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     index = (2 * lattice.cell_index(blocks, 2)[:, None] + offsets).reshape(-1, 3)
-    return np.unique(lattice.corner_keys(index))
+    return distinct(lattice.corner_keys(index))
 
 
 def _sampled(sampler: Sampler, blocks: Int[Array, " b"]) -> Band:
     corners = _block_corners(sampler.lattice, blocks)
-    return Band(sampler.lattice, np.unique(blocks), corners, sampler.sample(corners))
+    return Band(sampler.lattice, distinct(blocks), corners, sampler.sample(corners))
 
 
 def _follow(sampler: Sampler, band: Band) -> Band:
@@ -149,11 +149,14 @@ def _follow(sampler: Sampler, band: Band) -> Band:
     fresh = band.blocks
     while len(fresh):
         fresh = _beyond(band, fresh)
-        corners = np.setdiff1d(_block_corners(band.lattice, fresh), band.corners, assume_unique=True)
+        if not len(fresh):
+            break
+        corners = _block_corners(band.lattice, fresh)
+        corners = corners[~np.isin(corners, band.corners, assume_unique=True)]
         keys = np.concatenate([band.corners, corners])
         values = np.concatenate([band.values, sampler.sample(corners)])
         order = np.argsort(keys)
-        band = Band(band.lattice, np.union1d(band.blocks, fresh), keys[order], values[order])
+        band = Band(band.lattice, distinct(np.concatenate([band.blocks, fresh])), keys[order], values[order])
     return band
 
 
@@ -169,7 +172,7 @@ def _beyond(band: Band, blocks: Int[Array, " b"]) -> Int[Array, " m"]:
         crossed = index[inside.any(axis=1) & ~inside.all(axis=1)] + side
         keys = band.lattice.cell_keys(crossed, 2)
         missing.append(keys[~np.isin(keys, band.blocks)])
-    return np.unique(np.concatenate(missing))
+    return distinct(np.concatenate(missing))
 
 
 def _raise_nothing_found(field: ScalarField, bounds: Float[Array, "2 3"]) -> None:
