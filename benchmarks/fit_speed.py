@@ -1,9 +1,9 @@
 """Seconds to the paper's accuracy: `--recipe paper` against `--recipe fast`, same surface, projector and kernels.
 
 The paper recipe runs once per shape and is cached in `results/fit_speed_paper_<shape>.json`; the fast one runs every
-time, from the same base mesh. Each clock counts the initialisation and the training, not the evaluations, and stops at
-the first evaluation whose two-sided rms is at or below the paper run's final one. CPU seconds are given beside wall
-seconds: with one thread they are the same work without the neighbours' noise.
+time, from the same base mesh. Each clock counts the initialisation and the training, not the evaluations, and stops
+at the first evaluation whose two-sided rms is at or below the paper run's final one. CPU seconds are given beside
+wall seconds: with one thread they are the same work without the neighbours' noise.
 
     python benchmarks/fit_speed.py ../shared/data/mesh/rocker-arm.obj ... [--threads 1] [--figure fit_speed.png]
 """

@@ -41,9 +41,7 @@ class Projector(ABC):
     """Whether `project` needs `directions`, the unit normals n_theta of the mapped surface (NeRF, App. D)."""
 
     @abstractmethod
-    def project(
-        self, points: Float[Tensor, "n 3"], directions: Float[Tensor, "n 3"] | None = None
-    ) -> Projection:
+    def project(self, points: Float[Tensor, "n 3"], directions: Float[Tensor, "n 3"] | None = None) -> Projection:
         """Project `points` (float64, input units) onto the surface.
 
         Raises:
@@ -110,3 +108,5 @@ class Surface:
     units; None where the surface cannot be sampled directly. Only measuring uses it, never fitting."""
     notes: tuple[str, ...] = ()
     """One-line remarks for the user about how the input was read."""
+    plugin: str = ""
+    """Distribution and version that read the input, for the provenance; `ndf_core.open` fills it in."""

@@ -227,6 +227,7 @@ class _Run:
         return {
             "ndf": __version__,
             "torch": torch.__version__,
+            "plugin": self._surface.plugin,
             "representation": self._surface.representation,
             "input": self._surface.fingerprint[:32],
             "config": {key: value for key, value in config.items() if value != defaults[key]},

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from ndf_core.api import RepresentationSpec
 from ndf_core.errors import InputError, NdfError, PluginError
+from ndf_core.plugins.discovery import entries
 from ndf_core.plugins.guard import ForeignFailure, guarded, one_line
 from ndf_core.plugins.source import check_source
 
@@ -66,4 +67,5 @@ def _checked(surface: object, spec: RepresentationSpec) -> Surface:
         raise PluginError(f"--repr {spec.name}: {spec.open} returned {type(surface).__name__}, not a Surface")
     if surface.representation != spec.name:
         raise PluginError(f"--repr {spec.name}: the surface says that it is {surface.representation!r}")
-    return surface if surface.training_defaults else replace(surface, training_defaults=spec.training_defaults)
+    origin = next((entry.origin for entry in entries() if entry.name == spec.name and entry.error is None), "")
+    return replace(surface, plugin=origin, training_defaults=surface.training_defaults or spec.training_defaults)
