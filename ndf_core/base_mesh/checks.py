@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from ndf_core.errors import BaseMeshError
 from ndf_core.interfaces import BaseMesh
-from ndf_core.mesh import Topology, face_components, face_normals, signed_volume, topology
+from ndf_core.mesh import Topology, face_components, face_normals, topology
 
 MIN_ALTITUDE = 1e-9
 """A triangle is degenerate when its smallest altitude is below this share of the longest side."""
@@ -75,8 +75,10 @@ def altitudes(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Float[
 def component_volumes(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Float[Array, " c"]:
     """Signed volume of each component, in the order of `ndf_core.mesh.face_components`."""
     label = face_components(faces, len(vertices))
-    count = int(label.max()) + 1
-    return np.array([signed_volume(vertices, faces[label == index]) for index in range(count)])
+    _, first = np.unique(label, return_index=True)
+    # About a vertex of the component itself, for precision far from the origin.
+    a, b, c = (vertices[faces[:, i]] - vertices[faces[first, 0]][label] for i in range(3))
+    return np.bincount(label, weights=np.einsum("ij,ij->i", a, np.cross(b, c))) / 6.0
 
 
 def winding_number(point: Float[Array, "3"], vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> float:

@@ -19,6 +19,8 @@ from ndf_core.mesh import topology
 
 SPLIT = 0.5
 """Edges longer than this many even edge lengths of the base mesh are halved first."""
+MOST_SPLIT = 4_000_000
+"""Faces after splitting, at most, or twice the faces asked for: what decimation takes a few gigabytes for."""
 RETRIES = 5
 """Decimations that may be tried to be rid of self-intersections; one where the input has many of its own."""
 EMPHASIS = 8.0
@@ -51,9 +53,9 @@ def coarsen(
     dense = topology(faces, len(vertices))
     if not dense.manifold:
         raise BaseMeshError(f"only a manifold mesh can be coarsened, this one is not: {dense}")
-    vertices, faces = split_long_edges(
-        vertices, faces, SPLIT * even_edge_length(vertices, faces, max_faces), 4 * len(faces) + 40 * max_faces
-    )
+    most = min(4 * len(faces) + 40 * max_faces, max(MOST_SPLIT, 2 * max_faces))
+    length = SPLIT * even_edge_length(vertices, faces, max_faces)
+    vertices, faces = split_long_edges(vertices, faces, length, most)
     target = max_faces
     while True:
         mesh = _without_new_intersections(vertices, faces, target)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.base_mesh.checks import component_volumes
+from ndf_core.base_mesh.remarks import condense, triple
 from ndf_core.interfaces import Remark
 from ndf_core.mesh import face_components
-
-LISTED = 8
-"""So many of a kind get a remark each; the rest share one."""
 
 
 def drop_crumbs(
@@ -25,7 +23,7 @@ def drop_crumbs(
         min_size: In the units of the vertices.
 
     Returns:
-        The rest, and remarks of kind "dropped_component" and "filled_cavity", the largest first.
+        The rest, and remarks of kind "dropped_component" and "filled_cavity".
     """
     label = face_components(faces, len(vertices))
     count = int(label.max()) + 1
@@ -37,11 +35,23 @@ def drop_crumbs(
         return vertices, faces, []
     cavity = component_volumes(vertices, faces) < 0
     middles = 0.5 * (low + high)
+    reason = f"smaller than {min_size:.4g}, the least size of a component"
     remarks = [
-        *_remarks("dropped_component", "a component is left out", small & ~cavity, sizes, middles, min_size),
-        *_remarks("filled_cavity", "a cavity is filled", small & cavity, sizes, middles, min_size),
+        Remark("filled_cavity", f"a cavity is filled, {reason}", triple(middles[row]), float(sizes[row]))
+        if cavity[row]
+        else Remark(
+            "dropped_component", f"a component is left out, {reason}", triple(middles[row]), float(sizes[row])
+        )
+        for row in np.flatnonzero(small)
     ]
-    return *compact(vertices, faces[~small[label]]), remarks
+    return *compact(vertices, faces[~small[label]]), condense(remarks)
+
+
+def largest_component(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> float:
+    """Bounding-box diagonal of the largest component, in the units of the vertices."""
+    label = face_components(faces, len(vertices))
+    low, high = _boxes(vertices, faces, label, int(label.max()) + 1)
+    return float(np.linalg.norm(high - low, axis=1).max())
 
 
 def compact(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> tuple[Float[Array, "w 3"], Int[Array, "f 3"]]:
@@ -58,30 +68,3 @@ def _boxes(
         np.minimum.at(low, label, vertices[faces[:, corner]])
         np.maximum.at(high, label, vertices[faces[:, corner]])
     return low, high
-
-
-def _remarks(
-    kind: str,
-    what: str,
-    chosen: Bool[Array, " c"],
-    sizes: Float[Array, " c"],
-    middles: Float[Array, "c 3"],
-    min_size: float,
-) -> list[Remark]:
-    rows = np.flatnonzero(chosen)
-    rows = rows[np.argsort(-sizes[rows], kind="stable")]
-    reason = f"it is smaller than {min_size:.4g}, the least size of a component"
-    remarks = [
-        Remark(kind, f"{what}: {reason}", position=_triple(middles[row]), size=float(sizes[row]))
-        for row in rows[:LISTED]
-    ]
-    rest = rows[LISTED:]
-    if len(rest):
-        message = f"{what}, {len(rest)} times more: {reason}; place and size are those of the largest"
-        remarks.append(Remark(kind, message, _triple(middles[rest[0]]), float(sizes[rest[0]]), count=len(rest)))
-    return remarks
-
-
-def _triple(point: Float[Array, " 3"]) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in point)
-    return x, y, z

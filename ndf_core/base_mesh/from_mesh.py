@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from ndf_core.base_mesh.checks import inside_out_components, longest_side
 from ndf_core.base_mesh.coarsen import coarsen
-from ndf_core.base_mesh.crumbs import compact, drop_crumbs
+from ndf_core.base_mesh.crumbs import compact, drop_crumbs, largest_component
 from ndf_core.base_mesh.intersections import intersecting_area, intersection_remark, self_intersections
 from ndf_core.base_mesh.level_set import LevelSetExtractor, LevelSetPolicy
 from ndf_core.base_mesh.mesh_distance import MeshDistance
@@ -21,7 +21,7 @@ from ndf_core.mesh import Topology, face_components, signed_volume, topology
 TOLERATED_AREA = 0.05
 """With "auto", a mesh is decimated if at most this share of its area is in faces that intersect others."""
 MIN_COMPONENT = 0.005
-"""Components with a smaller bounding-box diagonal, as a share of the longest side, are left out."""
+"""Components with a smaller bounding-box diagonal, as a share of that of the largest component, are left out."""
 MARGIN = 0.02
 """Room around the mesh for marching cubes, as a share of its longest side."""
 
@@ -87,7 +87,9 @@ class MeshExtractor(BaseMeshExtractor):
             if len(pairs):
                 remarks.append(intersection_remark(vertices, faces, pairs, "the input"))
             if self._method == "decimate" or intersecting_area(vertices, faces, pairs) <= TOLERATED_AREA:
-                vertices, faces, dropped = drop_crumbs(vertices, faces, MIN_COMPONENT * longest_side(vertices))
+                vertices, faces, dropped = drop_crumbs(
+                    vertices, faces, MIN_COMPONENT * largest_component(vertices, faces)
+                )
                 return coarsen(vertices, faces, max_faces, remarks=[*remarks, *dropped])
         return self._by_marching_cubes(vertices, faces, max_faces, remarks)
 

@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 
 from ndf_core.base_mesh.checks import winding_number
 from ndf_core.base_mesh.loops import Loop, short_loops
+from ndf_core.base_mesh.remarks import condense, triple
 from ndf_core.interfaces import Remark
 from ndf_core.mesh import topology
 
@@ -27,7 +28,7 @@ def remove_small_handles(
         max_length: In the units of the vertices.
 
     Returns:
-        The mesh, and remarks of kind "cut_handle" and "filled_tunnel" with the place and extent of each.
+        The mesh, and remarks of kind "cut_handle" and "filled_tunnel" with place and extent.
     """
     remarks: list[Remark] = []
     while (topology(faces, len(vertices)).genus or 0) > 0:
@@ -37,7 +38,7 @@ def remove_small_handles(
         for loop in loops:
             remarks.append(_remark(vertices, faces, loop, max_length))
             vertices, faces = cut_and_close(vertices, faces, loop.vertices)
-    return vertices, faces, remarks
+    return vertices, faces, condense(remarks)
 
 
 def cut_and_close(
@@ -98,12 +99,11 @@ def _smooth(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], free: Int[A
 
 def _remark(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], loop: Loop, max_length: float) -> Remark:
     points = vertices[list(loop.vertices)]
-    x, y, z = (float(value) for value in points.mean(axis=0))
     inside = winding_number(points.mean(axis=0), vertices, faces) > 0.5
     what = "a thin handle is cut" if inside else "a narrow tunnel is filled"
     return Remark(
         kind="cut_handle" if inside else "filled_tunnel",
         message=f"{what}: a loop of length {loop.length:.4g} around it is shorter than {max_length:.4g}",
-        position=(x, y, z),
+        position=triple(points.mean(axis=0)),
         size=float(np.linalg.norm(points.max(axis=0) - points.min(axis=0))),
     )

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.base_mesh.remarks import triple
 from ndf_core.interfaces import Remark
 from ndf_core.kernels.bvh import TriangleBVH
 
@@ -32,14 +33,13 @@ def intersection_remark(
     points = vertices[faces[largest]].reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     share = intersecting_area(vertices, faces, pairs)
-    x, y, z = (float(value) for value in 0.5 * (low + high))
     return Remark(
         kind="self_intersections",
         message=(
             f"{len(pairs)} pairs of faces of {whose} intersect, in {int(label.max()) + 1} places with "
             f"{100 * share:.2g}% of its area"
         ),
-        position=(x, y, z),
+        position=triple(0.5 * (low + high)),
         size=float(np.linalg.norm(high - low)),
         count=len(pairs),
     )

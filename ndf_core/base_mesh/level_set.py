@@ -14,6 +14,7 @@ from ndf_core.base_mesh.handles import remove_small_handles
 from ndf_core.base_mesh.lattice import ScalarField
 from ndf_core.base_mesh.marching_cubes import marching_cubes
 from ndf_core.base_mesh.narrow_band import Band, sample_near_level_set
+from ndf_core.base_mesh.remarks import triple
 from ndf_core.errors import BaseMeshError
 from ndf_core.interfaces import BaseMesh, BaseMeshExtractor, Remark
 from ndf_core.kernels.decimate import decimate
@@ -152,7 +153,6 @@ def _capped(band: Band) -> list[Remark]:
         return []
     points = band.lattice.positions(border)
     low, high = points.min(axis=0), points.max(axis=0)
-    x, y, z = (float(value) for value in 0.5 * (low + high))
     sides = [
         f"{sign}{axis}"
         for k, axis in enumerate("xyz")
@@ -163,7 +163,7 @@ def _capped(band: Band) -> list[Remark]:
         Remark(
             kind="capped",
             message=f"the level set reaches the bounds at {', '.join(sides)} and is closed there with a flat cap",
-            position=(x, y, z),
+            position=triple(0.5 * (low + high)),
             size=float(np.linalg.norm(high - low)),
             count=len(sides),
         )

@@ -75,6 +75,14 @@ def test_tiny_components_are_dropped_with_a_remark() -> None:
     assert mesh.remarks[0].position == pytest.approx((1.2, 0, 0), abs=1e-3)
 
 
+def test_parts_far_apart_are_both_kept() -> None:
+    vertices, faces = mesh_of(ball, 24)
+    both = np.concatenate([vertices, vertices + np.array([500.0, 0, 0])])
+    mesh = MeshExtractor(both, np.concatenate([faces, faces + len(vertices)])).extract(400)
+    encoded = encode_base_mesh(mesh)
+    assert topology(encoded.faces, len(encoded.vertices)).components == 2 and mesh.remarks == ()
+
+
 def test_what_is_not_a_closed_mesh_is_refused() -> None:
     with pytest.raises(BaseMeshError, match="not closed: 24 of .*--repr soup"):
         MeshExtractor(*sheet(6))
