@@ -9,8 +9,9 @@ from torch import Tensor
 
 from ndf_core.errors import InputError
 from ndf_plugin_sdf.csg.box import Box
+from ndf_plugin_sdf.foot_points import foot_points
 from ndf_plugin_sdf.implicit_field import ImplicitField
-from ndf_plugin_sdf.newton import TOLERANCE, land
+from ndf_plugin_sdf.newton import TOLERANCE
 from ndf_plugin_sdf.user_function import UserFunction
 
 _SAMPLES = 8192
@@ -39,7 +40,8 @@ class CallableField(ImplicitField):
         if not bool(slopes.isfinite().all()):
             raise InputError(f"{function.name} is not differentiable inside the bounds: its gradient is not finite")
         if float(slopes.max()) == 0.0:
-            raise InputError(f"{function.name} is constant inside the bounds; it must be a distance, negative inside")
+            kind = "an occupancy" if bool((values < 0).any()) and bool((values > 0).any()) else "a constant"
+            raise InputError(f"{function.name} is {kind}, its gradient is zero; it must grow away from the surface")
         self.lipschitz = float(slopes.max()) if lipschitz is None else lipschitz
         if lipschitz is None:
             self.lipschitz = self._estimated(torch.from_numpy(points), values)
@@ -50,9 +52,9 @@ class CallableField(ImplicitField):
         The largest gradient would do too, but a function may be steep where it does not matter: in the middle of a
         ball, say, with a pattern on its angles.
         """
-        landing = land(self, points, self.bounds.longest_side, _STEPS)
-        distance = (landing.points - points).square().sum(dim=1).sqrt()
-        known = (landing.errors <= TOLERANCE * self.bounds.longest_side) & (distance > 0)
+        feet = foot_points(self, points, self.bounds.longest_side, 1, _STEPS)
+        distance = (feet.points - points).square().sum(dim=1).sqrt()
+        known = (feet.errors <= TOLERANCE * self.bounds.longest_side) & (distance > 0)
         ratios = (values.abs() / distance)[known]
         return float(ratios.max()) * _SAFETY if len(ratios) else self.lipschitz
 

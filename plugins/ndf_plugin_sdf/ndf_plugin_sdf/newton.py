@@ -1,9 +1,14 @@
-"""Landing on the zero set of a field that is not a distance and has edges: safeguarded Newton steps, row by row."""
+"""Steps towards the zero set of a field that is not a distance and has edges, row by row.
+
+Each step is Newton's, -phi g / |g|^2, shortened until |phi| falls in proportion. Where that fails or is slow and the
+gradient has turned, an edge lies between two points seen: then the step goes to the nearest point of both tangent
+planes at once, which is on the edge if its faces are flat. Points without a gradient (the centre of a ball) are moved
+a little first, and so are points where no step helps (on a medial axis the gradient may run along it).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -15,33 +20,19 @@ GOAL = 1e-10
 """Rows go on until |phi| / |grad phi| is below this share of the size, or stands still."""
 TOLERANCE = 1e-6
 """They count as landed below this: what a field computed in single precision can reach."""
-
-_SMALLEST_DAMPING = 2.0**-8
+_SMALLEST_DAMPING = 2.0**-5
 _FLAT = 1e-7
 """Gradients below this share of the Lipschitz bound give no direction (centres, axes)."""
 _MOST_KICKS = 3
+_KICK = (3.6e-4, 4.8e-4, 8.0e-4)
+"""Direction without symmetry, a thousandth of the size long: leaves a centre or an axis."""
 _KINK = 0.9
 """Cosine between neighbouring gradients below which an edge is taken to lie between them."""
 
 
-class Landing(NamedTuple):
-    """Where rows ended, with the field there."""
-
-    points: Float[Tensor, "n 3"]
-    values: Float[Tensor, " n"]
-    gradients: Float[Tensor, "n 3"]
-
-    @property
-    def errors(self) -> Float[Tensor, " n"]:
-        """First-order distance to the zero set, |phi| / |grad phi|; infinite where there is no gradient."""
-        slope = self.gradients.square().sum(dim=1).sqrt()
-        errors = self.values.abs() / slope
-        return torch.where(errors.isfinite(), errors, torch.inf)
-
-
 @dataclass
-class _State:
-    """Rows still under way."""
+class Rows:
+    """Points under way, with the field there."""
 
     points: Float[Tensor, "m 3"]
     values: Float[Tensor, " m"]
@@ -55,97 +46,91 @@ class _State:
     kicks: Float[Tensor, " m"]
     """How often the row was stuck and has been moved off."""
 
-    def select(self, rows: Int[Tensor, " k"] | Bool[Tensor, " m"]) -> _State:
-        return _State(**{name: value[rows] for name, value in vars(self).items()})
+    @staticmethod
+    def at(field: ImplicitField, points: Float[Tensor, "m 3"]) -> Rows:
+        """Rows that begin at `points`."""
+        values, gradients = field.values_and_gradients(points)
+        zero, no = torch.zeros_like(values), torch.zeros_like(values, dtype=torch.bool)
+        return Rows(
+            points.clone(), values, gradients, torch.ones_like(values), torch.zeros_like(points), zero, no, zero
+        )
+
+    def select(self, rows: Int[Tensor, " k"] | Bool[Tensor, " m"]) -> Rows:
+        return Rows(**{name: value[rows] for name, value in vars(self).items()})
+
+    @property
+    def errors(self) -> Float[Tensor, " m"]:
+        """First-order distance to the zero set, |phi| / |grad phi|; infinite where there is no gradient."""
+        errors = self.values.abs() / self.gradients.square().sum(dim=1).sqrt()
+        return torch.where(errors.isfinite(), errors, torch.inf)
+
+    def landed(self, size: float) -> Bool[Tensor, " m"]:
+        """Rows that no step would bring nearer to the zero set."""
+        return self.errors <= size * torch.where(self.damping <= _SMALLEST_DAMPING, TOLERANCE, GOAL)
+
+    def lost(self) -> Bool[Tensor, " m"]:
+        """Rows that have been stuck too often, or have met values that are not finite."""
+        return (self.kicks > _MOST_KICKS) | ~self.values.isfinite() | ~self.gradients.isfinite().all(dim=1)
 
 
-def land(field: ImplicitField, start: Float[Tensor, "n 3"], size: float, most_steps: int) -> Landing:
-    """Move every point to the zero set along the gradient.
-
-    Each step is Newton's, -phi g / |g|^2, shortened until |phi| falls in proportion. Where that fails or is slow and
-    the gradient has turned, an edge lies between two points seen: then the step goes to the nearest point of both
-    tangent planes at once, which is on the edge if its faces are flat. Points without a gradient (the centre of a
-    ball) are moved a little first, and so are points where no step helps (on a medial axis the gradient may run along
-    it). A row stops when |phi| / |g| reaches `GOAL`, when no step helps below `TOLERANCE`, or when it has been moved
-    like that too often.
+def step(
+    field: ImplicitField,
+    rows: Rows,
+    size: float,
+    jump: Bool[Tensor, " m"],
+    offset: Float[Tensor, "m 3"],
+) -> Rows:
+    """Move every row once: those in `jump` by `offset`, the others towards the zero set.
 
     Args:
-        field: phi.
-        start: where to begin.
-        size: longest side of the surface, which tolerances are shares of; steps are at most a quarter of it.
-        most_steps: most evaluations per row.
+        field: phi, evaluated once per row.
+        rows: where they are.
+        size: longest side of the surface; steps are at most a quarter of it.
+        jump: rows that start anew elsewhere.
+        offset: how far from where they are.
     """
-    values, gradients = field.values_and_gradients(start)
-    result = Landing(start.clone(), values, gradients)
-    rows = torch.arange(len(start), device=start.device)
-    state = _State(
-        *(start.clone(), values, gradients, torch.ones_like(values)),
-        *(torch.zeros_like(start), torch.zeros_like(values), torch.zeros_like(values, dtype=torch.bool)),
-        torch.zeros_like(values),
-    )
-    for _ in range(most_steps):
-        slope = state.gradients.square().sum(dim=1).sqrt()
-        stuck = state.damping <= _SMALLEST_DAMPING
-        going = state.values.abs() > size * slope * torch.where(stuck, TOLERANCE, GOAL)
-        going &= state.kicks <= _MOST_KICKS
-        going &= state.values.isfinite() & slope.isfinite()
-        if not bool(going.all()):
-            rows, state = rows[going], state.select(going)
-        if not len(rows):
-            break
-        state = _step(field, state, size)
-        for kept, current in zip(result, (state.points, state.values, state.gradients), strict=True):
-            kept[rows] = current
-    return result
-
-
-def _step(field: ImplicitField, state: _State, size: float) -> _State:
-    flat = state.gradients.square().sum(dim=1) < (_FLAT * field.lipschitz) ** 2
-    flat |= state.damping <= _SMALLEST_DAMPING
-    move = torch.where(state.at_kink[:, None], _to_both_planes(state), _newton(state))
-    length = move.square().sum(dim=1, keepdim=True).sqrt()
-    damping = torch.where(state.at_kink, 1.0, state.damping)
-    move = damping[:, None] * move * (0.25 * size / length).clamp_max(1.0)
-    if bool(flat.any()):
-        move = torch.where(flat[:, None], move.new_tensor(_KICK) * size, move)
-    trial = state.points + move
+    kicked = rows.gradients.square().sum(dim=1) < (_FLAT * field.lipschitz) ** 2
+    kicked |= rows.damping <= _SMALLEST_DAMPING
+    kicked &= ~jump
+    fresh = kicked | jump
+    damping = torch.where(rows.at_kink, 1.0, rows.damping)
+    move = torch.where(rows.at_kink[:, None], _to_both_planes(rows), _newton(rows))
+    length = move.square().sum(dim=1).sqrt()
+    move = move * (damping * (0.25 * size / length).clamp_max(1.0))[:, None]
+    move = torch.where(kicked[:, None], move.new_tensor(_KICK) * size, move)
+    trial = rows.points + torch.where(jump[:, None], offset, move)
     values, gradients = field.values_and_gradients(trial)
-    share = values.abs() / state.values.abs()
-    accepted = (share <= 1.0 - 0.25 * damping) | flat
+    share = values.abs() / rows.values.abs()
+    accepted = (share <= 1.0 - 0.25 * damping) | fresh
     # Of the two tangent planes met, the one that is not at the new position is the other.
-    other = torch.where(accepted[:, None], state.gradients, gradients)
-    offset = torch.where(accepted, state.values, values)
-    place = torch.where(accepted[:, None], state.points, trial)
-    turned = _cosine(state.gradients, gradients) < _KINK
-    hindered = ~accepted | (share > 0.5)
-    at_kink = turned & hindered & ~(state.at_kink & ~accepted)
-    shorter = torch.where(state.at_kink, state.damping, 0.5 * state.damping)
-    return _State(
-        points=torch.where(accepted[:, None], trial, state.points),
-        values=torch.where(accepted, values, state.values),
-        gradients=torch.where(accepted[:, None], gradients, state.gradients),
-        damping=torch.where(flat, 1.0, torch.where(accepted, (2.0 * state.damping).clamp_max(1.0), shorter)),
+    other = torch.where(accepted[:, None], rows.gradients, gradients)
+    plane = torch.where(accepted, rows.values, values)
+    place = torch.where(accepted[:, None], rows.points, trial)
+    hindered = (~accepted | (share > 0.5)) & (_cosine(rows.gradients, gradients) < _KINK)
+    shorter = torch.where(rows.at_kink, rows.damping, 0.5 * rows.damping)
+    grown = torch.where(accepted, (2.0 * rows.damping).clamp_max(1.0), shorter)
+    return Rows(
+        points=torch.where(accepted[:, None], trial, rows.points),
+        values=torch.where(accepted, values, rows.values),
+        gradients=torch.where(accepted[:, None], gradients, rows.gradients),
+        damping=torch.where(fresh, 1.0, grown),
         other=other,
-        other_offset=offset - (other * place).sum(dim=1),
-        at_kink=at_kink & ~flat,
-        kicks=state.kicks + flat,
+        other_offset=plane - (other * place).sum(dim=1),
+        at_kink=hindered & ~(rows.at_kink & ~accepted) & ~fresh,
+        kicks=rows.kicks + kicked,
     )
 
 
-_KICK = (3.6e-4, 4.8e-4, 8.0e-4)
-"""Direction without symmetry, a thousandth of the size long: leaves a centre or an axis."""
+def _newton(rows: Rows) -> Float[Tensor, "m 3"]:
+    squared = rows.gradients.square().sum(dim=1)
+    return rows.gradients * (-rows.values / squared.clamp_min(1e-300))[:, None]
 
 
-def _newton(state: _State) -> Float[Tensor, "m 3"]:
-    squared = state.gradients.square().sum(dim=1)
-    return state.gradients * (-state.values / squared.clamp_min(1e-300))[:, None]
-
-
-def _to_both_planes(state: _State) -> Float[Tensor, "m 3"]:
+def _to_both_planes(rows: Rows) -> Float[Tensor, "m 3"]:
     """Shortest move into both tangent planes: combine the two gradients so that both linear parts vanish."""
-    here, there = state.gradients, state.other
-    residual_here = state.values
-    residual_there = (there * state.points).sum(dim=1) + state.other_offset
+    here, there = rows.gradients, rows.other
+    residual_here = rows.values
+    residual_there = (there * rows.points).sum(dim=1) + rows.other_offset
     a, b, c = ((u * v).sum(dim=1) for u, v in ((here, here), (here, there), (there, there)))
     determinant = (a * c - b * b).clamp_min(1e-300)
     weight_here = (b * residual_there - c * residual_here) / determinant

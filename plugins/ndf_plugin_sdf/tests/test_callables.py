@@ -103,7 +103,7 @@ def test_a_function_that_raises_is_told_with_file_and_line() -> None:
         (lambda p: None, "must return"),
         (lambda p: "text", "must return"),
         (lambda p: p[:, 0] * float("nan"), "not finite|gives nan"),
-        (lambda p: p[:, 0] * 0 + 1, "constant"),
+        (lambda p: p[:, 0] * 0 + 1, "a constant"),
         (lambda p: 1 - (p**2).sum(1), "change its sign"),
         (lambda p: (p**2).sum(1) - 2.5, "reaches the bounds"),
         (lambda p: p[:, 0], "reaches the bounds"),
@@ -123,18 +123,14 @@ def test_not_a_number_somewhere_is_told_with_its_place() -> None:
         open_analytic(hole, CONFIG)
 
 
-def test_occupancies_are_followed_by_bisection_but_never_called_converged_off_the_surface() -> None:
-    """A jump has no zero. What is said to be converged is within the tolerance of the jump."""
+def test_occupancies_are_refused_as_such() -> None:
+    """A jump has no direction to go."""
 
     def occupancy(points: np.ndarray) -> np.ndarray:
         return np.where(np.linalg.norm(points, axis=1) < 1.0, -1.0, 1.0)
 
-    surface = open_analytic(occupancy, AnalyticConfig(bounds=BOX, lipschitz=10.0))
-    points = torch.from_numpy(np.random.default_rng(0).normal(size=(200, 3)))
-    answer = surface.projector.project(points)
-    landed = answer.points[answer.converged].norm(dim=1)
-    assert float((landed - 1).abs().max()) < 1e-4 if len(landed) else True
-    assert bool(answer.points.isfinite().all())
+    with pytest.raises(InputError, match="is an occupancy, its gradient is zero"):
+        open_analytic(occupancy, CONFIG)
 
 
 def test_bounds_come_from_the_options_or_from_the_function() -> None:

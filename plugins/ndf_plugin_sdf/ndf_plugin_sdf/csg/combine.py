@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import torch
@@ -10,6 +11,7 @@ from pydantic import Field
 from torch import Tensor
 
 from ndf_plugin_sdf.csg.box import Box, hull, overlap
+from ndf_plugin_sdf.csg.nearest import Culled, culled, fields_near_minimum
 from ndf_plugin_sdf.csg.node import Length, Node
 from ndf_plugin_sdf.csg.smooth import smooth_minimum
 
@@ -33,13 +35,19 @@ class _Combination(Node):
     def cost(self) -> int:
         return sum(child.cost for child in self.children)
 
-    def each(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, "m n"]:
-        return torch.stack([child.distance(points) for child in self.children])
+    @property
+    def reach(self) -> float:
+        """How far above the smallest field another still counts."""
+        return 0.0
 
-    def remaining(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, "m n"]:
-        """Fields whose maximum is the first child without the others."""
-        first, *others = (child.distance(points) for child in self.children)
-        return torch.stack([first, *(-other for other in others)])
+    @cached_property
+    def others(self) -> tuple[Culled, ...]:
+        """All children but the first."""
+        return culled(self.children, self.reach)[1:]
+
+    def low_fields(self, first: Float[Tensor, " n"], points: Float[Tensor, "3 n"]) -> Float[Tensor, "m n"]:
+        """`first` and the fields of the other children; exact where they are within reach of the smallest."""
+        return fields_near_minimum(first, self.others, points, self.reach)
 
 
 class Union(_Combination):
@@ -48,7 +56,7 @@ class Union(_Combination):
     type: Literal["union"]
 
     def distance(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, " n"]:
-        return self.each(points).min(dim=0).values
+        return self.low_fields(self.children[0].distance(points), points).min(dim=0).values
 
     def bounds(self, level: float = 0.0) -> Box:
         return hull(child.bounds(level) for child in self.children)
@@ -60,7 +68,7 @@ class Intersection(_Combination):
     type: Literal["intersection"]
 
     def distance(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, " n"]:
-        return self.each(points).max(dim=0).values
+        return torch.stack([child.distance(points) for child in self.children]).max(dim=0).values
 
     def bounds(self, level: float = 0.0) -> Box:
         return overlap(child.bounds(level) for child in self.children)
@@ -72,7 +80,8 @@ class Difference(_Combination):
     type: Literal["difference"]
 
     def distance(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, " n"]:
-        return self.remaining(points).max(dim=0).values
+        # max(a, -b, ...) = -min(-a, b, ...)
+        return -self.low_fields(-self.children[0].distance(points), points).min(dim=0).values
 
     def bounds(self, level: float = 0.0) -> Box:
         return self.children[0].bounds(level)
@@ -82,6 +91,10 @@ class _Blend(_Combination):
     """A combination whose creases are fillets: circular arcs of `radius` where two faces meet at a right angle."""
 
     radius: Length = Field(description="radius of the fillets")
+
+    @property
+    def reach(self) -> float:
+        return self.radius
 
     def thickening(self) -> float:
         """How far below the minimum of equal fields the blended one lies."""
@@ -94,7 +107,7 @@ class SmoothUnion(_Blend):
     type: Literal["smooth_union"]
 
     def distance(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, " n"]:
-        return smooth_minimum(self.each(points), self.radius)
+        return smooth_minimum(self.low_fields(self.children[0].distance(points), points), self.radius)
 
     def bounds(self, level: float = 0.0) -> Box:
         return hull(child.bounds(level + self.thickening()) for child in self.children)
@@ -106,7 +119,7 @@ class SmoothIntersection(_Blend):
     type: Literal["smooth_intersection"]
 
     def distance(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, " n"]:
-        return -smooth_minimum(-self.each(points), self.radius)
+        return -smooth_minimum(-torch.stack([child.distance(points) for child in self.children]), self.radius)
 
     def bounds(self, level: float = 0.0) -> Box:
         return overlap(child.bounds(level) for child in self.children)
@@ -118,7 +131,7 @@ class SmoothDifference(_Blend):
     type: Literal["smooth_difference"]
 
     def distance(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, " n"]:
-        return -smooth_minimum(-self.remaining(points), self.radius)
+        return -smooth_minimum(self.low_fields(-self.children[0].distance(points), points), self.radius)
 
     def bounds(self, level: float = 0.0) -> Box:
         return self.children[0].bounds(level)

@@ -34,6 +34,10 @@ class Ellipsoid(Primitive):
         # The offset from the closest point is parallel to the normal, so its derivative is the normal alone.
         return ((relative - closest) * normal).sum(dim=0)
 
+    @property
+    def cost(self) -> int:
+        return 6  # Newton's steps
+
     def extent(self) -> Box:
         return Box(np.subtract(self.center, self.radii), np.add(self.center, self.radii))
 
@@ -42,9 +46,10 @@ def _closest(points: Float[Tensor, "3 n"], radii: Float[Tensor, "3 1"]) -> Float
     """Closest point of the ellipsoid about the origin: x r^2 / (t + r^2) with t the largest root of F.
 
     F(t) = sum (r x / (t + r^2))^2 - 1 falls and is convex right of its last pole -min(r)^2, so Newton started left of
-    the root climbs to it without overshooting. Where one summand alone reaches 1 is such a start, with F <= 2. The
-    unknown is s = t + min(r)^2 > 0, free of cancellation; the excess r^2 - min(r)^2 is added per axis. A column stops
-    for good at its first step without progress, so its answer does not depend on the other columns.
+    the root climbs to it without overshooting, and from anywhere its first step ends left of the root. One such start
+    is where a summand alone reaches 1; another is the step from t = 0, which is almost there for points near the
+    surface. The unknown is s = t + min(r)^2 > 0, free of cancellation; the excess r^2 - min(r)^2 is added per axis. A
+    column stops for good at its first small step, so its answer does not depend on the other columns.
 
     Reference: D. Eberly, Distance from a Point to an Ellipse, an Ellipsoid, or a Hyperellipsoid.
     """
@@ -53,14 +58,22 @@ def _closest(points: Float[Tensor, "3 n"], radii: Float[Tensor, "3 1"]) -> Float
     # On a plane of symmetry inside, the closest point leaves the plane: a hair's breadth off it picks one side.
     away = torch.where(points < 0, -1.0, 1.0) * points.abs().maximum(radii * 1e-14)
     reach = radii * away.abs()
-    s = (reach - excess).amax(dim=0)
+    s = (reach - excess).amax(dim=0).maximum(_newton(smallest.square(), reach, excess))
+    moving = torch.ones_like(s, dtype=torch.bool)
     for _ in range(64):
-        ratio = reach / (s + excess)
-        excessive = ratio.square().sum(dim=0) - 1.0
-        slope = 2.0 * (ratio.square() / (s + excess)).sum(dim=0)
-        following = s + excessive / slope
-        moving = following > s * (1.0 + 1e-15)
+        following = torch.where(moving, _newton(s, reach, excess), s).maximum(s)
+        # Convergence is quadratic: after a step of 1e-8 there is nothing left to gain.
+        moving &= following > s * (1.0 + 1e-8)
+        s = following
         if not bool(moving.any()):
             break
-        s = torch.where(moving, following, s)
     return away * radii.square() / (s + excess)
+
+
+def _newton(
+    s: Float[Tensor, " n"] | Float[Tensor, ""], reach: Float[Tensor, "3 n"], excess: Float[Tensor, "3 1"]
+) -> Float[Tensor, " n"]:
+    """One step for F = sum (reach / (s + excess))^2 - 1."""
+    inverse = (s + excess).reciprocal()
+    squares = (reach * inverse).square()
+    return s + 0.5 * (squares.sum(dim=0) - 1.0) / (squares * inverse).sum(dim=0)

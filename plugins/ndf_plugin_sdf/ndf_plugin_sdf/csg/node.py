@@ -53,7 +53,7 @@ class Node(BaseModel, ABC):
     @property
     @abstractmethod
     def cost(self) -> int:
-        """How many primitives are evaluated per point, copies counted."""
+        """Work per point, in evaluations of a simple primitive; copies count."""
 
 
 class Primitive(Node):

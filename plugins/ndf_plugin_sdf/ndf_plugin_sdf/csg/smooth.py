@@ -18,12 +18,18 @@ def smooth_minimum(fields: Float[Tensor, "m n"], radius: float) -> Float[Tensor,
     the zero set is (radius - f_1)^2 + (radius - f_2)^2 = radius^2, a circular fillet. Polynomial smooth minima of
     two fields have neither the symmetry for three and more nor the meaning of the radius.
     """
+    lowest = fields.min(dim=0).values
+    with torch.no_grad():
+        rows = ((fields < lowest + radius).sum(dim=0) > 1).nonzero()[:, 0]
+    return lowest.index_copy(0, rows, _blend(fields[:, rows], radius))
+
+
+def _blend(fields: Float[Tensor, "m n"], radius: float) -> Float[Tensor, " n"]:
+    """t - radius where at least two fields are within reach."""
     if len(fields) == 2:
         one, two = fields.unbind()
-        apart = (one - two).abs()
-        # Within reach of each other: t is their mean plus the root of (radius^2 - sum of squares about the mean) / 2.
-        blended = 0.5 * (one + two) + 0.5 * root(2.0 * radius**2 - apart.square())
-        return torch.where(apart < radius, blended - radius, one.minimum(two))
+        # t is the mean plus the root of (radius^2 - sum of squares about the mean) / 2.
+        return 0.5 * (one + two) + 0.5 * root(2.0 * radius**2 - (one - two).square()) - radius
     with torch.no_grad():
         t = _level(fields, radius)
     # One differentiable Newton step at the root: its derivative is the implicit function's.
