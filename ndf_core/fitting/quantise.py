@@ -47,7 +47,8 @@ def quantise(
     steps = _forward_steps(parameters, geometry, projector, base, probes)
     if keep_inverse:
         steps |= _inverse_steps(_rounded(parameters, steps), base, probes)
-    return field_blocks(parameters.shape, lambda name: stored(parameters, name, steps[name]), keep_inverse)
+    # With feature_dim 0 the features are an empty tensor, which any grid holds.
+    return field_blocks(parameters.shape, lambda name: stored(parameters, name, steps.get(name, 1.0)), keep_inverse)
 
 
 def stored(parameters: Parameters, name: str, step: float) -> Stored:
