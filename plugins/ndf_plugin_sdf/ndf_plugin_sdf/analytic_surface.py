@@ -17,7 +17,7 @@ from ndf_plugin_sdf.callable_field import CallableField
 from ndf_plugin_sdf.containment import check_contained
 from ndf_plugin_sdf.csg.box import Box
 from ndf_plugin_sdf.csg.tree import parse_tree, read_tree
-from ndf_plugin_sdf.defaults import TRAINING_DEFAULTS
+from ndf_plugin_sdf.defaults import ANALYTIC_TRAINING_DEFAULTS
 from ndf_plugin_sdf.fingerprint import fingerprint
 from ndf_plugin_sdf.implicit_field import ImplicitField
 from ndf_plugin_sdf.level_set_surface import level_set_surface
@@ -78,7 +78,7 @@ def _surface(field: ImplicitField, config: AnalyticConfig, content: list[Any], n
         resolution=config.resolution,
         corrections=config.corrections,
         fingerprint=fingerprint("analytic", config, content),
-        training_defaults=TRAINING_DEFAULTS,
+        training_defaults=ANALYTIC_TRAINING_DEFAULTS,
         notes=notes,
     )
 

@@ -19,7 +19,8 @@ from torch import Tensor
 from ndf_core.errors import InputError
 from ndf_plugin_sdf.implicit_field import ImplicitField
 
-_LINES = 16_384
+_FEWEST_LINES, _MOST_LINES = 1024, 131_072
+"""Lines that are followed together."""
 _SHORTEST_STEP = 1.0 / 1024.0
 """Share of the size: two crossings of a line that are nearer to each other may both be missed."""
 _MOST_BATCHES = 2000
@@ -55,9 +56,11 @@ def sample_level_set(
     for batch in range(_MOST_BATCHES):
         if total >= count:
             break
-        if batch == 50 and not total:
+        if batch == 100 and not total:
             raise InputError("no surface found: none of many lines through its bounds met a zero of the field")
-        points = _bisected(field, _crossings(field, _lines_through(field, rng)))
+        # About one line in three meets a surface that fills its bounds, most of them twice.
+        lines = min(_MOST_LINES, max(_FEWEST_LINES, 2 * (count - total)))
+        points = _bisected(field, _crossings(field, _lines_through(field, lines, rng)))
         found.append(points)
         total += len(points)
     points = torch.cat(found) if found else torch.zeros(0, 3, dtype=torch.float64)
@@ -69,15 +72,15 @@ def sample_level_set(
     return points.numpy(), normals.numpy()
 
 
-def _lines_through(field: ImplicitField, rng: np.random.Generator) -> _Segments:
-    """Uniform random lines through the ball about the bounds, cut to the bounds."""
+def _lines_through(field: ImplicitField, count: int, rng: np.random.Generator) -> _Segments:
+    """`count` uniform random lines through the ball about the bounds, cut to the bounds."""
     lower, upper = field.bounds.lower, field.bounds.upper
-    direction = rng.standard_normal((_LINES, 3))
+    direction = rng.standard_normal((count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     # A point uniform in the ball's disc across the direction: a direction across, and the root of a uniform radius.
-    across = np.cross(direction, rng.standard_normal((_LINES, 3)))
+    across = np.cross(direction, rng.standard_normal((count, 3)))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    radius = np.linalg.norm(upper - lower) / 2 * np.sqrt(rng.random((_LINES, 1)))
+    radius = np.linalg.norm(upper - lower) / 2 * np.sqrt(rng.random((count, 1)))
     origin = (lower + upper) / 2 + radius * across
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack([(lower - origin) / direction, (upper - origin) / direction])
