@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 from torch import Tensor
 
-from ndf_core.fitting.network import Parameters, displace, frequency_matrix, interpolate
+from ndf_core.fitting.network import Parameters, frequency_matrix
 
 
 class BaseGeometry:
@@ -58,26 +58,25 @@ def pushforward(
     """g(x) and J_theta t for k tangent vectors of the base mesh at each base point.
 
     The features depend on x through the barycentric weights, so the derivative of the weights inside the face is
-    part of J_theta. Differentiable with respect to the parameters (forward over reverse).
+    part of J_theta. Differentiable with respect to the parameters. Values and tangents go through the layers side by
+    side; a ReLU passes a tangent where it passes the value. (torch.func.jvp gives the same bits, in twice the time
+    and after a second of imports.)
 
     Reference: Sec. 3.1; the pushforward d g^x is the linear map t -> J_theta(x) t.
     """
+    encoding = parameters.shape.encoding
     positions = geometry.positions(face, barycentric)
-    corners = geometry.faces[face]
     rates = barycentric_rates(geometry.corner_positions[face], tangents)
-    features = interpolate(parameters.features, corners, barycentric)
-    feature_rates = torch.einsum("nkc,ncd->nkd", rates, parameters.features[corners])
-
-    def mapped(x: Tensor, u: Tensor) -> Tensor:
-        return displace(parameters, x, u)
-
-    columns: list[Tensor] = []
-    value = positions
-    for k in range(tangents.shape[1]):
-        pair = torch.func.jvp(mapped, (positions, features), (tangents[:, k], feature_rates[:, k]))
-        value = pair[0]
-        columns.append(pair[1])
-    return value, torch.stack(columns, dim=1)
+    features = torch.cat([barycentric[:, None], rates], 1) @ parameters.features[geometry.faces[face]]
+    matrix, phase = (part.to(positions.dtype) for part in frequency_matrix(encoding, geometry.device))
+    angles, first = positions @ matrix + phase, encoding.width - matrix.shape[1]
+    value = torch.cat([positions[:, :first], torch.sin(angles), features[:, 0]], 1)
+    rate = torch.cat([tangents[:, :, :first], (tangents @ matrix) * torch.cos(angles)[:, None], features[:, 1:]], 2)
+    for index, (weight, bias) in enumerate(parameters.layers("forward")):
+        value, rate = torch.nn.functional.linear(value, weight, bias), rate @ weight.t()
+        if index < parameters.shape.hidden_layers:
+            value, rate = torch.relu(value), rate * (value > 0)[:, None]
+    return positions + value, tangents + rate
 
 
 def barycentric_rates(triangles: Float[Tensor, "n 3 3"], tangents: Float[Tensor, "n k 3"]) -> Float[Tensor, "n k 3"]:
@@ -135,10 +134,9 @@ def mapped_frame(
 def area_ratio(
     parameters: Parameters, geometry: BaseGeometry, face: Int[Tensor, " n"], barycentric: Float[Tensor, "n 3"]
 ) -> Float[Tensor, " n"]:
-    """|det J_f| alone, for sampling: `mapped_frame(...).area_ratio` in a quarter of its time.
+    """|det J_f| alone, for sampling: `mapped_frame(...).area_ratio` without gradient, in less memory.
 
-    Values and two tangents go through the layers as one block of 3 n rows; a ReLU passes a tangent where it passes
-    the value.
+    Values and two tangents go through the layers as one block of 3 n rows.
     """
     shape, count = parameters.shape, len(face)
     base = base_frames(geometry, face)
