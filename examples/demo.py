@@ -46,7 +46,8 @@ def main() -> None:
     start = time.perf_counter()
     print(f"opening {arguments.input}")
     surface = ndf_core.open(arguments.input)
-    config = resolve_config(given=Given(fit={"faces": arguments.faces, "steps": arguments.steps})).fit.config
+    given = Given(fit={"faces": arguments.faces, "steps": arguments.steps})
+    config = resolve_config(given=given, training_defaults=surface.training_defaults).fit.config
     dense = surface.base_mesh.extract(DENSE_FACES)
     print("fitting ...")
     result = run_fit(surface, config, output=stem.with_suffix(".ndf"))

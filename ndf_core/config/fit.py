@@ -69,7 +69,10 @@ class FitConfig(BaseModel):
     )
     resample_every: int = Field(default=1, ge=1, le=100_000, description="steps that a set of samples is kept")
     projection_visits: int = Field(
-        default=1, ge=1, le=64, description="visits of each sample; after the first, its projection serves as a plane"
+        default=1,
+        ge=1,
+        le=64,
+        description="steps that each sample serves for against the plane of one projection; 1 projects at every step",
     )
     cycle_stride: int = Field(default=4, ge=1, le=1024, description="the cycle loss is taken on every n-th sample")
 

@@ -16,7 +16,7 @@ from ndf_core.errors import FitError
 from ndf_core.fitting.geometry import BaseGeometry, mapped_frame
 from ndf_core.fitting.interrupts import held_interrupts
 from ndf_core.fitting.losses import Anchors, optional_gradient
-from ndf_core.fitting.network import Parameters
+from ndf_core.fitting.network import Parameters, displace, interpolate
 from ndf_core.fitting.observer import Observer
 from ndf_core.fitting.optimizer import Optimizer, rate_factor
 from ndf_core.fitting.projection import BoxProjection, BoxProjector
@@ -76,7 +76,7 @@ class Trainer:
         self._slices = row_slices(config.batch, workers, tile_size(config.batch, geometry.device))
         self._workers = [_Worker(self, slices) for slices in self._slices]
         self._pool = ThreadPoolExecutor(len(self._workers) - 1) if len(self._workers) > 1 else None
-        self._kept: dict[int, Samples] = {}
+        self._kept: list[Samples] = []
 
     @property
     def state(self) -> dict[str, Tensor]:
@@ -129,10 +129,10 @@ class Trainer:
         return self.step_count % period == 0 or self.step_count >= self.config.steps
 
     def _step(self, sums: Progress) -> None:
-        samples, first = self._samples()
+        samples = self._samples()
         others = self._workers[1:]
-        waiting = [self._pool.submit(worker.gradient_of, samples, first) for worker in others] if self._pool else []
-        for part in [self._workers[0].gradient_of(samples, first), *(future.result() for future in waiting)]:
+        waiting = [self._pool.submit(worker.gradient_of, samples) for worker in others] if self._pool else []
+        for part in [self._workers[0].gradient_of(samples), *(future.result() for future in waiting)]:
             sums.add(part)
             self.projected += part.projected
             self.converged += part.converged
@@ -145,22 +145,48 @@ class Trainer:
         if sums.steps % 64 == 0:
             self._check_finite(sums)
 
-    def _samples(self) -> tuple[Samples, bool]:
-        """The batch of this step, and whether this is its first visit.
+    def _samples(self) -> Samples:
+        """The batch of this step.
 
-        With v = `projection_visits`, v batches are visited in turn, v times each, before new ones are drawn, so that
-        a batch comes back after v steps and everything is drawn anew every v^2.
+        With v = `projection_visits` > 1, v batches are drawn and projected together and then visited in turn, v
+        times each, against their planes: every v^2 steps everything is new.
         """
-        config, step = self.config, self.step_count // self.config.resample_every
-        visits = config.projection_visits
-        slot, first = step % visits, step // visits % visits == 0
-        if (first and self.step_count % config.resample_every == 0) or slot not in self._kept:
-            self._kept[slot] = Samples(self._draw())
-        return self._kept[slot], first
+        config, visits = self.config, self.config.projection_visits
+        if self.step_count % (config.resample_every * visits**2) == 0 or not self._kept:
+            if visits == 1:
+                self._kept = [Samples(self._draw(self.step_count))]
+            else:
+                self._kept = self._with_planes([self._draw(self.step_count + i) for i in range(visits)])
+        return self._kept[self.step_count // config.resample_every % visits]
 
-    def _draw(self) -> BasePoints:
+    def _with_planes(self, drawn: list[BasePoints]) -> list[Samples]:
+        base = BasePoints(
+            self.geometry,
+            torch.cat([points.face for points in drawn]),
+            torch.cat([points.barycentric for points in drawn]),
+        )
+        features = interpolate(self.parameters.features, base.batch.corners, base.barycentric)
+        found = self.project(base, displace(self.parameters, base.batch.positions, features))
+        if found.normals is None:
+            return [Samples(points) for points in drawn]
+        self.projected += len(found.converged)
+        self.converged += int(found.converged.sum())
+        size = self.config.batch
+        planes = zip(found.points.split(size), found.converged.split(size), found.normals.split(size), strict=True)
+        return [Samples(points, BoxProjection(*part)) for points, part in zip(drawn, planes, strict=True)]
+
+    def project(self, base: BasePoints, mapped: Tensor) -> BoxProjection:
+        """Projections of mapped points, along the mapped normals where the projector wants them."""
+        directions = None
+        if self.projector.needs_directions:
+            directions = mapped_frame(
+                self.parameters, self.geometry, base.face, base.barycentric
+            ).frame.normal.detach()
+        return self.projector.project(mapped, directions)
+
+    def _draw(self, stream: int) -> BasePoints:
         config = self.config
-        generator = generator_at(config.seed, self.step_count)
+        generator = generator_at(config.seed, stream)
         if config.sampling == "rejection":
             return by_rejection(self.geometry, self.parameters, config.batch, generator)
         if self.step_count >= self._density_due:
@@ -217,22 +243,22 @@ class _Worker:
             n: FusedStep(parameters.shape, n, trainer.config.cycle_stride, device, self.gradient) for n in sizes
         }
 
-    def gradient_of(self, samples: Samples, first_visit: bool) -> Progress:
+    def gradient_of(self, samples: Samples) -> Progress:
         """Fill `gradient` with this worker's share of the batch's mean; return its share of the sums."""
         self.gradient.flat.zero_()
         sums = Progress()
         for rows in self._slices:
-            self._add(samples, rows, first_visit, sums)
+            self._add(samples, rows, sums)
         return sums
 
-    def _add(self, samples: Samples, rows: slice, first_visit: bool, sums: Progress) -> None:
+    def _add(self, samples: Samples, rows: slice, sums: Progress) -> None:
         base = samples.base.rows(rows.start, rows.stop)
         trainer, weights = self._trainer, self._trainer.config.loss
         parameters, count = trainer.parameters, len(base.face)
         share = count / trainer.config.batch
         fused = self._fused[count]
         mapped = fused.map(parameters, base.batch)
-        projection, fresh = samples.project(rows, mapped, lambda: self._project(base, mapped), first_visit)
+        projection, fresh = samples.project(rows, mapped, lambda: trainer.project(base, mapped))
         if fresh:
             sums.projected += count
             sums.converged += int(projection.converged.sum())
@@ -244,11 +270,3 @@ class _Worker:
         extra = optional_gradient(parameters, trainer.geometry, base, projection.normals, weights, trainer.anchors)
         if extra is not None:
             self.gradient.flat.add_(extra, alpha=share)
-
-    def _project(self, base: BasePoints, mapped: Tensor) -> BoxProjection:
-        trainer = self._trainer
-        directions = None
-        if trainer.projector.needs_directions:
-            frame = mapped_frame(trainer.parameters, trainer.geometry, base.face, base.barycentric).frame
-            directions = frame.normal.detach()
-        return trainer.projector.project(mapped, directions)
