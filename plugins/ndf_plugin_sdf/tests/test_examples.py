@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-
-from ndf_core.mesh import topology
 from ndf_plugin_sdf.analytic import AnalyticConfig
 from ndf_plugin_sdf.analytic_surface import open_analytic
+
+from ndf_core.mesh import topology
 
 SHAPES = Path(__file__).resolve().parents[3] / "examples" / "shapes"
 GENUS = {"bracket.toml": 6, "teapot.toml": 2, "functions.py:trefoil": 1, "functions.py:gyroid_ball": 26}
