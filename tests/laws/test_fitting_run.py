@@ -26,6 +26,7 @@ from small_surfaces import (
 from torch import Tensor
 
 from ndf_core.asset.asset import Asset
+from ndf_core.config.resolve import Given, resolve_config
 from ndf_core.errors import ConfigError, FitError, ResumeError
 from ndf_core.fitting import measure as measure_module
 from ndf_core.fitting import pipeline, quantise
@@ -329,6 +330,17 @@ class TestAnchors:
         for options in ({"anchors": self.file(tmp_path)}, PULLED):
             with pytest.raises(ConfigError, match="--anchors and --loss.anchor belong together"):
                 fit(None, **options)
+
+
+def test_the_paper_recipe(tmp_path: Path) -> None:
+    """App. A.1, with fewer steps and samples."""
+    few = {"steps": 12, "identity_steps": 8, "batch": 500, "faces": 100, "threads": 1, "encoding_levels": 4}
+    config = resolve_config(given=Given(fit={"recipe": "paper", **few})).fit.config
+    assert (config.sampling, config.optimizer, config.schedule) == ("rejection", "adam", "constant")
+    report = run_fit(sphere_surface(), config, output=tmp_path / "a.ndf").report
+    assert report["steps"] == 12
+    assert report["projection_rms_relative"] < 0.1
+    assert Asset.load(tmp_path / "a.ndf").content.provenance["config"]["recipe"] == "paper"
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")

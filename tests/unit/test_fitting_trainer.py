@@ -34,7 +34,7 @@ from ndf_core.fitting.interrupts import held_interrupts
 from ndf_core.fitting.observer import Observer, Silent
 from ndf_core.fitting.projection import BoxProjection, BoxProjector
 from ndf_core.fitting.samples import Samples
-from ndf_core.fitting.sampling import BasePoints, generator_at, stratified
+from ndf_core.fitting.sampling import generator_at, stratified
 from ndf_core.fitting.trainer import Trainer
 from ndf_core.interfaces import Projection, Projector
 
@@ -262,61 +262,63 @@ def test_progress_is_that_of_the_steps() -> None:
     assert 1e-3 < rms < 0.1 and 0 < cycle < 1 and rate > 0
 
 
-class TestSamples:
-    """Revisiting a batch against the planes of its first projections."""
+class TestPlanes:
+    """Visiting batches against the planes of earlier projections."""
 
-    def setting(self) -> tuple[Samples, Tensor]:
+    def setting(self, inner: Projector) -> tuple[Samples, Tensor, BoxProjector]:
+        """The unit sphere, points a tenth above it, and the planes below them."""
         geometry = small_geometry()
         base = stratified(geometry, geometry.areas, 90, generator_at(0, 0))
-        return Samples(base), base.batch.positions * 1.1
+        mapped = base.batch.positions * 1.1
+        projector = BoxProjector(inner, np.array([0.0, 0.0, CENTER[2]]), 1.0)
+        return Samples(base, projector.project(mapped)), mapped, projector
 
-    def test_planes_answer_to_second_order(self) -> None:
-        """Moved by h along the sphere, the foot on the plane is off by h^2 / 2."""
-        samples, mapped = self.setting()
-        projector = BoxProjector(SphereProjector((0.0, 0.0, 0.0), 1.0), np.zeros(3), 1.0)
-        rows = slice(0, 90)
-        first, asked = samples.project(rows, mapped, lambda: projector.project(mapped), True)
-        assert asked
-        same, asked = samples.project(rows, mapped, lambda: pytest.fail("asked"), False)
-        assert not asked
-        torch.testing.assert_close(same.points, first.points)
+    def test_they_answer_to_second_order(self) -> None:
+        """Moved by h along the sphere, the foot on the plane leaves the sphere by less than h^2."""
+        samples, mapped, projector = self.setting(SphereProjector((0.0, 0.0, CENTER[2]), 1.0))
+        same, asked = samples.project(slice(0, 90), mapped, lambda: pytest.fail("asked"))
+        assert not asked and bool(same.converged.all())
+        torch.testing.assert_close(same.points, projector.project(mapped).points)
         for h in (0.1, 0.01):
-            step = torch.linalg.cross(mapped, torch.ones(90, 3))
-            moved = mapped + h * torch.nn.functional.normalize(step, dim=1)
-            plane, _ = samples.project(rows, moved, lambda: pytest.fail("asked"), False)
-            error = (plane.points - projector.project(moved).points).norm(dim=1)
-            off = plane.points.norm(dim=1) - 1
-            assert float(off.max()) < h * h
-            assert float(error.max()) < 0.2 * h
+            along = torch.nn.functional.normalize(torch.linalg.cross(mapped, torch.ones(90, 3)), dim=1)
+            moved = mapped + h * along
+            foot = samples.project(slice(0, 90), moved, lambda: pytest.fail("asked"))[0].points
+            assert float((foot.norm(dim=1) - 1).abs().max()) < h * h
+            assert float((foot - projector.project(moved).points).norm(dim=1).max()) < 0.2 * h
+        part, _ = samples.project(slice(20, 50), moved[20:50], lambda: pytest.fail("asked"))
+        assert torch.equal(part.points, foot[20:50])
 
     def test_rows_that_failed_stay_out(self) -> None:
-        samples, mapped = self.setting()
         inner = Altered(SphereProjector((0.0, 0.0, CENTER[2]), 1.0), upper_half_fails)
-        projector = BoxProjector(inner, np.array([0.0, 0.0, CENTER[2]]), 1.0)
-        samples.project(slice(0, 90), mapped, lambda: projector.project(mapped), True)
-        again, _ = samples.project(slice(0, 90), mapped + 0.1, lambda: pytest.fail("asked"), False)
+        samples, mapped, _ = self.setting(inner)
+        again, _ = samples.project(slice(0, 90), mapped + 0.1, lambda: pytest.fail("asked"))
         bad = mapped[:, 2] > 0
         assert torch.equal(again.converged, ~bad)
         assert torch.equal(again.points[bad], (mapped + 0.1)[bad])
 
-    def test_without_normals_the_projector_is_asked_every_time(self) -> None:
-        samples, mapped = self.setting()
-        projector = BoxProjector(Altered(SphereProjector(), without_normals), np.array(CENTER), 1.0)
-        for first in (True, False, False):
-            assert samples.project(slice(0, 90), mapped, lambda: projector.project(mapped), first)[1]
+    def test_without_normals_the_projector_is_asked(self) -> None:
+        inner = Altered(SphereProjector((0.0, 0.0, CENTER[2]), 1.0), without_normals)
+        samples, mapped, projector = self.setting(inner)
+        assert samples.project(slice(0, 90), mapped, lambda: projector.project(mapped))[1]
+        run = trainer(Altered(SphereProjector(), without_normals), projection_visits=3, steps=9, batch=30)
+        run.run(9, lambda: None)
+        assert run.projected == 9 * 30
 
-    def test_a_batch_comes_back_after_v_steps_and_lives_for_v_visits(self) -> None:
-        run = trainer(projection_visits=3, steps=40, batch=30)
-        drawn: list[BasePoints] = []
-        visits: list[int] = []
+    @pytest.mark.parametrize("visits", [2, 3])
+    def test_the_projector_is_asked_once_for_all_visits(self, visits: int) -> None:
+        inner = Altered(SphereProjector(), lambda query, answer: answer, needs_directions=True)
+        run = trainer(inner, projection_visits=visits, steps=5 * visits**2, batch=30)
+        run.run(5 * visits**2, lambda: None)
+        assert [None if rows is None else len(rows) for rows in inner.directions] == [30 * visits] * 5
+        assert run.projected == run.converged == 5 * visits * 30
 
-        def look() -> None:
-            for samples in run._kept.values():
-                if not any(samples.base is known for known in drawn):
-                    drawn.append(samples.base)
-            visits.append(run.projected)
-
-        run.run(18, lambda: None, look)
-        assert len(drawn) == 6
-        fresh = np.diff([0, *visits]) > 0
-        assert fresh.tolist() == ([True] * 3 + [False] * 6) * 2
+    def test_they_train(self) -> None:
+        """Almost as well per step as fresh projections."""
+        ends: list[float] = []
+        for visits in (1, 4):
+            recorder = Recorder()
+            run = trainer(projection_visits=visits, steps=400, hidden_width=32, observer=recorder)
+            run.run(390, lambda: None)
+            run.run(400, lambda: None)
+            ends.append(recorder.told[-1][2])
+        assert ends[1] < 2 * ends[0]
