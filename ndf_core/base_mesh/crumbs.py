@@ -27,6 +27,8 @@ def drop_crumbs(
     """
     label = face_components(faces, len(vertices))
     count = int(label.max()) + 1
+    if count == 1:
+        return vertices, faces, []
     low, high = _boxes(vertices, faces, label, count)
     sizes = np.linalg.norm(high - low, axis=1)
     small = sizes < min_size

@@ -81,16 +81,17 @@ class MeshExtractor(BaseMeshExtractor):
         if not self._counts.manifold:
             remarks.append(Remark("not_manifold", f"the mesh is not manifold: {_faults(self._counts)}"))
             return self._by_marching_cubes(vertices, faces, max_faces, remarks)
-        faces, remarks = _outwards(vertices, faces)
+        faces, remarks = _outwards(vertices, faces, self._counts.components)
         if self._method != "marching_cubes":
             pairs = self_intersections(vertices, faces)
             if len(pairs):
                 remarks.append(intersection_remark(vertices, faces, pairs, "the input"))
             if self._method == "decimate" or intersecting_area(vertices, faces, pairs) <= TOLERATED_AREA:
-                vertices, faces, dropped = drop_crumbs(
-                    vertices, faces, MIN_COMPONENT * largest_component(vertices, faces)
-                )
-                return coarsen(vertices, faces, max_faces, remarks=[*remarks, *dropped])
+                if self._counts.components > 1:
+                    least = MIN_COMPONENT * largest_component(vertices, faces)
+                    vertices, faces, dropped = drop_crumbs(vertices, faces, least)
+                    remarks += dropped
+                return coarsen(vertices, faces, max_faces, remarks=remarks)
         return self._by_marching_cubes(vertices, faces, max_faces, remarks)
 
     def _by_marching_cubes(
@@ -106,13 +107,15 @@ class MeshExtractor(BaseMeshExtractor):
         return coarsen(dense[0], dense[1], max_faces, remarks=remarks)
 
 
-def _outwards(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> tuple[Int[Array, "f 3"], list[Remark]]:
+def _outwards(
+    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], components: int
+) -> tuple[Int[Array, "f 3"], list[Remark]]:
     """Turn round the components that are inside out; a mesh that is so as a whole is turned round as a whole."""
     remarks: list[Remark] = []
     if signed_volume(vertices, faces) < 0:
         faces = np.ascontiguousarray(faces[:, ::-1])
         remarks.append(Remark("flipped", "the mesh was inside out and is turned round"))
-    wrong = inside_out_components(vertices, faces)
+    wrong = inside_out_components(vertices, faces) if components > 1 else []
     if len(wrong):
         rows = np.isin(face_components(faces, len(vertices)), wrong)
         faces = faces.copy()
