@@ -1,9 +1,9 @@
 """Base meshes of closed meshes: topology, distance from the input, shape of the triangles, seconds.
 
 Every file of the data folder at 1,000, 2,000 and 8,000 faces, as `ndf fit` makes them ("auto"), and at 2,000 faces by
-marching cubes too. Seconds are of the processor, one thread. Distances are from 20,000 points spread evenly over the base mesh to the input, as a
-share of the longest side; "pairs" are intersecting pairs of faces. What the base mesh lacks of the input is in the
-remarks, which the JSON has in full.
+marching cubes too. Seconds are of the processor, one thread. Distances are from 20,000 points spread evenly over the
+base mesh to the input, as a share of the longest side; "pairs" are intersecting pairs of faces. What the base mesh
+lacks of the input is in the remarks, which the JSON has in full.
 
     python benchmarks/base_mesh.py [NAME ...] [--data ../shared/data/mesh] [--output FILE.json]
 """
