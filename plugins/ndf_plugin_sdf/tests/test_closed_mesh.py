@@ -190,6 +190,7 @@ def test_ten_vertices_are_enough() -> None:
     assert len(closed(vertices, np.array(faces)).vertices) == 10
 
 
+@pytest.mark.slow
 def test_every_shared_mesh_is_taken_and_every_open_one_refused(shared_data) -> None:  # type: ignore[no-untyped-def]
     """Components and Euler characteristics as the manifest of the data says."""
     from ndf_plugin_sdf.readers.mesh_file import read_mesh_file

@@ -42,7 +42,7 @@ def test_sniffing_imports_nothing_heavy(tmp_path: Path) -> None:
 def test_specs_keep_the_contract(spec: RepresentationSpec) -> None:
     assert spec.api_version == 1
     assert spec.support == "full"
-    assert spec.training_defaults == {"loss": {"cycle": 1e2, "projection": 1e4}}
+    assert spec.training_defaults["loss"] == {"cycle": 1e2, "projection": 1e4}
     assert spec.config.model_config["frozen"]
     assert spec.config.model_config["extra"] == "forbid"
     assert all(field.description for field in spec.config.model_fields.values())
