@@ -128,6 +128,8 @@ def test_components_face_outwards_and_cavities_inwards() -> None:
     flipped = (other[0], other[1][:, ::-1])
     mesh = closed(*together(outer, flipped))
     assert mesh.notes == ("1 components were inside out and have been turned over",)
+    both = signed_volume(*outer) + signed_volume(*other)
+    assert abs(signed_volume(mesh.vertices, mesh.faces) - both) < 1e-9
     cavity = closed(*together(outer, (small[0], small[1][:, ::-1])))
     assert cavity.notes == ()
     volume = signed_volume(*outer) - signed_volume(*small)

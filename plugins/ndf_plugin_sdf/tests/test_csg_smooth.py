@@ -56,6 +56,15 @@ def test_right_angles_get_a_circular_fillet() -> None:
     np.testing.assert_allclose(values(union, arc), 0.0, atol=1e-12)
 
 
+def test_the_box_grows_with_the_blend() -> None:
+    """Where equal fields meet, the blended one lies lower: two balls in one place are a larger ball."""
+    ball = {"type": "sphere", "radius": 1.0}
+    twice = node("smooth_union", children=[ball, ball], radius=0.5)
+    reach = 1.0 + 0.5 * (1.0 - 0.5**0.5)
+    np.testing.assert_allclose(values(twice, np.array([[reach, 0, 0]])), 0.0, atol=1e-12)
+    np.testing.assert_allclose(twice.bounds().upper, reach)
+
+
 def test_the_answer_for_a_column_does_not_depend_on_the_others() -> None:
     many = fields(5, 0.5)
     alone = torch.cat([smooth_minimum(many[:, i : i + 1], 0.7) for i in range(500)])

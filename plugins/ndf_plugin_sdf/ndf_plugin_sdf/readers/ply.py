@@ -16,18 +16,18 @@ _LISTS = ("vertex_indices", "vertex_index")
 
 
 def read_ply(data: bytes) -> RawMesh:
-    """Read vertices and faces.
+    """Read vertices and faces. Nothing is allocated for rows before they are known to be there.
 
     Raises:
         ValueError: the file is not valid PLY or holds less than its header says.
     """
     header = read_ply_header(data)
-    binary = header.byte_order is not None
-    _check_sizes(header.elements, len(data) - header.size, binary)
     body = data[header.size :]
     reader = _Binary(body, header.byte_order) if header.byte_order else _Text(body)
     tables: dict[str, dict[str, Column]] = {}
     for element in header.elements:
+        if not element.properties and element.count:
+            raise ValueError(f"the header announces {element.count:,} rows of {element.name!r} without content")
         try:
             tables[element.name] = reader.table(element)
         except EOFError as error:
@@ -45,17 +45,6 @@ def read_ply(data: bytes) -> RawMesh:
         [strip_triangles(strip) for strip in np.split(strips, np.cumsum(strip_sizes)[:-1])] if len(strips) else []
     )
     return RawMesh(vertices, np.concatenate([faces, *pieces]), notes)
-
-
-def _check_sizes(elements: tuple[Element, ...], available: int, binary: bool) -> None:
-    """Refuse counts that the file cannot hold, before anything is allocated for them."""
-    for element in elements:
-        if not element.properties and element.count:
-            raise ValueError(f"the header announces {element.count:,} rows of {element.name!r} without content")
-        if element.least_bytes(binary) > available + 1:  # the last number of a text needs no white space after it
-            raise ValueError(
-                f"the header announces {element.count:,} rows of {element.name!r}, more than the file can hold"
-            )
 
 
 def _lists(tables: dict[str, dict[str, Column]], name: str) -> tuple[Int[Array, " n"], Int[Array, " p"]]:

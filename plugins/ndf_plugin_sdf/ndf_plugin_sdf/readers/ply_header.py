@@ -33,11 +33,6 @@ class Property:
     count_type: str | None = None
     """Type of the list's length; None for a single number."""
 
-    @property
-    def least_bytes(self) -> int:
-        """What a row of it takes at least, in a binary file."""
-        return int((self.count_type or self.type)[1])
-
 
 @dataclass(frozen=True)
 class Element:
@@ -46,11 +41,6 @@ class Element:
     name: str
     count: int
     properties: tuple[Property, ...]
-
-    def least_bytes(self, binary: bool) -> int:
-        """What the table takes at least: two characters per number in text."""
-        row = sum(item.least_bytes for item in self.properties) if binary else 2 * len(self.properties)
-        return self.count * row
 
 
 @dataclass(frozen=True)
