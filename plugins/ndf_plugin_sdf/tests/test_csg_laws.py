@@ -125,6 +125,14 @@ def test_rotation_is_counter_clockwise_and_euler_angles_turn_about_x_then_y_then
     np.testing.assert_allclose(values(about_x, np.array([[1.0, 0.0, 0.0]])), -0.01)  # y to z to x
 
 
+def test_scaling_each_axis_keeps_the_bound_and_moves_the_surface() -> None:
+    squashed = node("scale", child={"type": "sphere", "radius": 1.0}, factor=[0.1, 1.0, 0.5])
+    assert np.linalg.norm(gradients(squashed, POINTS), axis=1).max() <= 1.0 + 1e-9
+    directions = POINTS / np.linalg.norm(POINTS, axis=1, keepdims=True)
+    np.testing.assert_allclose(values(squashed, directions * [0.1, 1.0, 0.5]), 0.0, atol=1e-12)
+    np.testing.assert_allclose(squashed.bounds(0.05).upper, [0.15, 1.5, 0.75])
+
+
 def test_quarter_turns_keep_boxes_tight() -> None:
     box = node("rotate", child={"type": "box", "size": [2, 4, 6]}, axis=[0, 0, 1], angle=90).bounds()
     np.testing.assert_allclose(box.upper, [2, 1, 3], atol=1e-12)
