@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.live import Live
@@ -12,6 +13,9 @@ from rich.table import Table
 from rich.text import Text
 
 from ndf_core.cli.progress import progress_line
+
+if TYPE_CHECKING:
+    from ndf_core.fitting.observer import TrainingProgress
 
 
 @contextmanager
@@ -32,18 +36,10 @@ class LiveObserver:
     def stage(self, name: str) -> None:
         self._live.update(Text(f"{name} ..."))
 
-    def progress(
-        self,
-        step: int,
-        total: int,
-        projection_rms: float,
-        cycle_loss: float,
-        samples_per_second: float,
-        seconds_left: float,
-    ) -> None:
-        line = progress_line(step, total, projection_rms, cycle_loss, samples_per_second, seconds_left)
+    def progress(self, progress: TrainingProgress) -> None:
         row = Table.grid(padding=(0, 1))
-        row.add_row(ProgressBar(total=max(total, 1), completed=step, width=20), Text(line, no_wrap=True))
+        bar = ProgressBar(total=max(progress.total, 1), completed=progress.step, width=20)
+        row.add_row(bar, Text(progress_line(progress), no_wrap=True))
         self._live.update(row)
 
     def message(self, text: str) -> None:

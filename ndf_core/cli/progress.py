@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ndf_core.fitting.observer import Observer
+    from ndf_core.fitting.observer import Observer, TrainingProgress
 
 PLAIN_SECONDS = 5.0
 """Between two plain lines."""
@@ -40,29 +40,19 @@ class PlainObserver:
         self._last = -float("inf")
         print(f"{name} ...", file=sys.stderr, flush=True)
 
-    def progress(
-        self,
-        step: int,
-        total: int,
-        projection_rms: float,
-        cycle_loss: float,
-        samples_per_second: float,
-        seconds_left: float,
-    ) -> None:
+    def progress(self, progress: TrainingProgress) -> None:
         now = time.monotonic()
-        if now - self._last >= self._seconds or step == total:
+        if now - self._last >= self._seconds or progress.step == progress.total:
             self._last = now
-            line = progress_line(step, total, projection_rms, cycle_loss, samples_per_second, seconds_left)
-            print(f"  {line}", file=sys.stderr, flush=True)
+            print(f"  {progress_line(progress)}", file=sys.stderr, flush=True)
 
     def message(self, text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
 
-def progress_line(
-    step: int, total: int, projection_rms: float, cycle_loss: float, samples_per_second: float, seconds_left: float
-) -> str:
+def progress_line(progress: TrainingProgress) -> str:
     """Both losses, samples per second and time left."""
+    step, total, projection_rms, cycle_loss, samples_per_second, seconds_left = progress
     width = len(str(total))
     return (
         f"step {step:>{width}}/{total}  projection rms {projection_rms:.2e}  cycle {cycle_loss:.2e}  "

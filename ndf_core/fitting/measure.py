@@ -42,8 +42,8 @@ class Accuracy:
     """None where the surface cannot be sampled."""
     cycle_loss: float | None
     """Mean of |inverse(g(x)) - x|^2 in the box frame (Sec. 3.2); None without an inverse network."""
-    folded_area: float
-    """Share of the mapped area that faces against the surface's normal at its projection."""
+    folded_area: float | None
+    """Share of the mapped area that faces against the surface's normal at its projection; None without normals."""
     converged: float
     """Share of the samples that could be projected."""
     samples: int
@@ -118,7 +118,7 @@ def measure(
     projection = projector.project(torch.from_numpy(mapped), directions)
     converged = projection.converged.numpy()
     distance = np.linalg.norm(mapped - projection.points.numpy(), axis=1)[converged]
-    folded = 0.0
+    folded = None
     if projection.normals is not None and len(distance):
         folded = float(((normals * projection.normals.numpy()).sum(1)[converged] < 0).mean())
     cycle = None

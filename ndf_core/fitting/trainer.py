@@ -17,7 +17,7 @@ from ndf_core.fitting.geometry import BaseGeometry, mapped_frame
 from ndf_core.fitting.interrupts import held_interrupts
 from ndf_core.fitting.losses import Anchors, optional_gradient
 from ndf_core.fitting.network import Parameters, displace, interpolate
-from ndf_core.fitting.observer import Observer
+from ndf_core.fitting.observer import Observer, TrainingProgress
 from ndf_core.fitting.optimizer import Optimizer, rate_factor
 from ndf_core.fitting.projection import BoxProjection, BoxProjector
 from ndf_core.fitting.samples import Samples
@@ -95,7 +95,7 @@ class Trainer:
         self.step_count, self.projected, self.converged, self._density_due = (int(n) for n in state["counts"])
         self._optimizer.load_state(state)
 
-    def run(self, until: int, save: Callable[[], None], after_step: Callable[[], None] | None = None) -> None:
+    def run(self, until: int, save: Callable[[], None]) -> None:
         """Train up to step `until`; calls `save` every `checkpoint_seconds`, and when interrupted.
 
         Raises:
@@ -114,8 +114,6 @@ class Trainer:
                     self._check_finite(sums)
                     save()
                     saved = now
-                if after_step is not None:
-                    after_step()
             if interrupts.came:
                 self._check_finite(sums)
                 if self._can_save():
@@ -212,12 +210,14 @@ class Trainer:
         self._check_finite(sums)
         rate = sums.steps / seconds
         self._observer.progress(
-            self.step_count,
-            until,
-            (sums.residual / sums.steps) ** 0.5,
-            sums.cycle / sums.steps,
-            rate * self.config.batch,
-            (until - self.step_count) / rate,
+            TrainingProgress(
+                step=self.step_count,
+                total=until,
+                projection_rms=(sums.residual / sums.steps) ** 0.5,
+                cycle_loss=sums.cycle / sums.steps,
+                samples_per_second=rate * self.config.batch,
+                seconds_left=(until - self.step_count) / rate,
+            )
         )
 
 

@@ -16,6 +16,7 @@ import pytest
 from ndf_core.cli import main
 from ndf_core.config.fit import FitConfig
 from ndf_core.errors import FitError
+from ndf_core.fitting.observer import TrainingProgress
 
 if TYPE_CHECKING:
     from tests.conftest import PluginMaker
@@ -36,7 +37,7 @@ class FakePipeline:
         print("python prints")
         if observer is not None:
             observer.stage("train")
-            observer.progress(300, 1500, 1.25e-4, 3.1e-6, 123_456.0, 125.0)
+            observer.progress(TrainingProgress(300, 1500, 1.25e-4, 3.1e-6, 123_456.0, 125.0))
             observer.message("a message")
         self.then(output)
         output.write_bytes(b"asset")

@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from ndf_core.cli.progress import PlainObserver, clock, make_observer
+from ndf_core.fitting.observer import TrainingProgress
 
 
 @pytest.mark.parametrize(
@@ -25,7 +26,7 @@ def test_a_log_file_gets_a_line_now_and_then_and_the_last_one(capsys: pytest.Cap
     observer = PlainObserver(seconds=60)
     observer.stage("train")
     for step in range(1, 101):
-        observer.progress(step, 100, 1e-4, 1e-6, 1e5, 1.0)
+        observer.progress(TrainingProgress(step, 100, 1e-4, 1e-6, 1e5, 1.0))
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "train ..."
     assert [line.split()[1] for line in lines[1:]] == ["1/100", "100/100"]
@@ -39,9 +40,10 @@ def test_quiet_has_no_observer() -> None:
 def test_a_terminal_gets_a_live_line_and_messages_above_it() -> None:
     code = (
         "from ndf_core.cli.progress import make_observer\n"
+        "from ndf_core.fitting.observer import TrainingProgress\n"
         "with make_observer(quiet=False) as observer:\n"
         "    observer.stage('train')\n"
-        "    observer.progress(300, 1500, 1.25e-4, 3.1e-6, 123456.0, 125.0)\n"
+        "    observer.progress(TrainingProgress(300, 1500, 1.25e-4, 3.1e-6, 123456.0, 125.0))\n"
         "    observer.message('a [bold] message')\n"
         "print('answer')\n"
     )

@@ -343,8 +343,8 @@ def test_the_paper_recipe(tmp_path: Path) -> None:
     assert Asset.load(tmp_path / "a.ndf").content.provenance["config"]["recipe"] == "paper"
 
 
-@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
-def test_no_cuda_here() -> None:
+def test_without_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(ConfigError, match="--device cuda: this torch sees no CUDA device; use --device cpu"):
         fit(None, device="cuda")
     assert fit(None, device="auto", steps=1).report["device"] == "cpu"

@@ -74,7 +74,8 @@ def test_half_precision_and_no_features() -> None:
 def test_a_step_beyond_float32_keeps_its_values() -> None:
     content = small_content()
     block = content.fields["displacement"]
-    features = QuantisedArray(block.features.codes, 0.0123456789012345)  # type: ignore[union-attr]
+    assert isinstance(block.features, QuantisedArray)
+    features = QuantisedArray(block.features.codes, 0.0123456789012345)
     content = dataclasses.replace(content, fields={"displacement": dataclasses.replace(block, features=features)})
     again = parse_asset(asset_bytes(content)).fields["displacement"].features
     np.testing.assert_array_equal(values_of(again), features.values)

@@ -43,4 +43,33 @@ static int array_get(PyObject *object, Array *array, char format, Py_ssize_t col
 
 static inline void array_release(Array *array) { PyBuffer_Release(&array->view); }
 
+typedef struct {
+    Array array[10];
+    int held;
+} Arrays;
+
+static inline void arrays_release(Arrays *arrays)
+{
+    while (arrays->held)
+        array_release(&arrays->array[--arrays->held]);
+}
+
+/* Fill one array per character of `formats` from `objects`, all or none; the first `writable` of them for writing.
+ * `names` are for messages; NULL says "argument 1" and so on. Returns 0, or -1 with a Python error set. */
+static inline int arrays_get(Arrays *arrays, PyObject **objects, const char *formats, const int *columns,
+                             const char *const *names, int writable)
+{
+    arrays->held = 0;
+    for (int i = 0; formats[i]; i++) {
+        char number[16];
+        PyOS_snprintf(number, sizeof number, "argument %d", i + 1);
+        if (array_get(objects[i], &arrays->array[i], formats[i], columns[i], i < writable, names ? names[i] : number) < 0) {
+            arrays_release(arrays);
+            return -1;
+        }
+        arrays->held++;
+    }
+    return 0;
+}
+
 #endif

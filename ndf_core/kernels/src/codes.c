@@ -263,20 +263,19 @@ static Py_ssize_t widest_array(const Array *shapes, Py_ssize_t codes)
     return widest;
 }
 
+static const int COLUMNS[] = {1, 1, 2};
+
 /* encode(bytes B(capacity,), codes i(n,), shapes i(k,2)) -> size, or -1 where the capacity does not do */
 static PyObject *encode(PyObject *self, PyObject *args)
 {
     PyObject *objects[3], *result = NULL;
-    Array arrays[3];
-    static const char formats[] = "Bii", *const names[] = {"bytes", "codes", "shapes"};
-    static const int columns[] = {1, 1, 2};
-    int held = 0;
+    Arrays held;
+    static const char *const names[] = {"bytes", "codes", "shapes"};
     int64_t *sums = NULL;
-    if (!PyArg_ParseTuple(args, "OOO", &objects[0], &objects[1], &objects[2]))
+    if (!PyArg_ParseTuple(args, "OOO", &objects[0], &objects[1], &objects[2])
+        || arrays_get(&held, objects, "Bii", COLUMNS, names, 1) < 0)
         return NULL;
-    for (; held < 3; held++)
-        if (array_get(objects[held], &arrays[held], formats[held], columns[held], held == 0, names[held]) < 0)
-            goto done;
+    Array *arrays = held.array;
     Py_ssize_t widest = widest_array(&arrays[2], arrays[1].rows);
     if (widest < 0)
         goto done;
@@ -301,8 +300,7 @@ static PyObject *encode(PyObject *self, PyObject *args)
     result = PyLong_FromSsize_t(encode_end(&coder));
 done:
     free(sums);
-    while (held--)
-        array_release(&arrays[held]);
+    arrays_release(&held);
     return result;
 }
 
@@ -310,16 +308,13 @@ done:
 static PyObject *decode(PyObject *self, PyObject *args)
 {
     PyObject *objects[3], *result = NULL;
-    Array arrays[3];
-    static const char formats[] = "iBi", *const names[] = {"codes", "bytes", "shapes"};
-    static const int columns[] = {1, 1, 2};
-    int held = 0;
+    Arrays held;
+    static const char *const names[] = {"codes", "bytes", "shapes"};
     int64_t *sums = NULL;
-    if (!PyArg_ParseTuple(args, "OOO", &objects[0], &objects[1], &objects[2]))
+    if (!PyArg_ParseTuple(args, "OOO", &objects[0], &objects[1], &objects[2])
+        || arrays_get(&held, objects, "iBi", COLUMNS, names, 1) < 0)
         return NULL;
-    for (; held < 3; held++)
-        if (array_get(objects[held], &arrays[held], formats[held], columns[held], held == 0, names[held]) < 0)
-            goto done;
+    Array *arrays = held.array;
     Py_ssize_t widest = widest_array(&arrays[2], arrays[0].rows);
     if (widest < 0)
         goto done;
@@ -342,8 +337,7 @@ static PyObject *decode(PyObject *self, PyObject *args)
     result = PyBool_FromLong(coder.size <= coder.position && coder.position <= coder.size + END_ZEROS);
 done:
     free(sums);
-    while (held--)
-        array_release(&arrays[held]);
+    arrays_release(&held);
     return result;
 }
 

@@ -218,33 +218,6 @@ static void split_face(const Parents *parents, Py_ssize_t face, int32_t *corners
 
 /* ---- interface ---- */
 
-/* `arrays_get` fills arrays from a tuple by `formats` and `columns`; the first `writable` of them for writing. */
-typedef struct {
-    Array array[10];
-    int held;
-} Arrays;
-
-static void arrays_release(Arrays *arrays)
-{
-    while (arrays->held)
-        array_release(&arrays->array[--arrays->held]);
-}
-
-static int arrays_get(Arrays *arrays, PyObject **objects, const char *formats, const int *columns, int writable)
-{
-    arrays->held = 0;
-    for (int i = 0; formats[i]; i++) {
-        char name[16];
-        PyOS_snprintf(name, sizeof name, "argument %d", i + 1);
-        if (array_get(objects[i], &arrays->array[i], formats[i], columns[i], i < writable, name) < 0) {
-            arrays_release(arrays);
-            return -1;
-        }
-        arrays->held++;
-    }
-    return 0;
-}
-
 static int rows_are(const Array *array, Py_ssize_t rows, const char *name)
 {
     if (array->rows == rows)
@@ -272,7 +245,7 @@ static PyObject *mark(PyObject *self, PyObject *args)
     Arrays a;
     static const int columns[] = {3, 3, 3, 3, 3};
     if (!PyArg_ParseTuple(args, "OOOOOd", &o[0], &o[1], &o[2], &o[3], &o[4], &limit)
-        || arrays_get(&a, o, "iiidd", columns, 1) < 0)
+        || arrays_get(&a, o, "iiidd", columns, NULL, 1) < 0)
         return NULL;
     Array *x = a.array;
     Py_ssize_t faces = x[1].rows, vertices = x[3].rows, count;
@@ -295,7 +268,7 @@ static PyObject *place(PyObject *self, PyObject *args)
     Arrays a;
     static const int columns[] = {1, 3, 3, 3, 3, 1, 3, 1, 3};
     if (!PyArg_ParseTuple(args, "OOOOOOOOO", &o[0], &o[1], &o[2], &o[3], &o[4], &o[5], &o[6], &o[7], &o[8])
-        || arrays_get(&a, o, "idiiiiiid", columns, 2) < 0)
+        || arrays_get(&a, o, "idiiiiiid", columns, NULL, 2) < 0)
         return NULL;
     Array *x = a.array;
     Py_ssize_t faces = x[3].rows, vertices = x[7].rows, added = x[0].rows;
@@ -328,7 +301,7 @@ static PyObject *choose(PyObject *self, PyObject *args)
     PyObject *o[4], *result = NULL;
     Arrays a;
     static const int columns[] = {1, 3, 3, 3};
-    if (!PyArg_ParseTuple(args, "OOOO", &o[0], &o[1], &o[2], &o[3]) || arrays_get(&a, o, "Biid", columns, 1) < 0)
+    if (!PyArg_ParseTuple(args, "OOOO", &o[0], &o[1], &o[2], &o[3]) || arrays_get(&a, o, "Biid", columns, NULL, 1) < 0)
         return NULL;
     Array *x = a.array;
     Py_ssize_t faces = x[2].rows, total = 0;
@@ -358,7 +331,7 @@ static PyObject *split(PyObject *self, PyObject *args)
     Arrays a;
     static const int columns[] = {3, 3, 1, 1, 3, 3, 3, 1};
     if (!PyArg_ParseTuple(args, "OOOOOOOO", &o[0], &o[1], &o[2], &o[3], &o[4], &o[5], &o[6], &o[7])
-        || arrays_get(&a, o, "iiiBiiii", columns, 3) < 0)
+        || arrays_get(&a, o, "iiiBiiii", columns, NULL, 3) < 0)
         return NULL;
     Array *x = a.array;
     Py_ssize_t faces = x[5].rows, total = 0;
@@ -403,7 +376,7 @@ static PyObject *flip_edges(PyObject *self, PyObject *args)
     Arrays a;
     static const int columns[] = {3, 3, 1, 3, 3, 1, 3};
     if (!PyArg_ParseTuple(args, "OOOOOOOdi", &o[0], &o[1], &o[2], &o[3], &o[4], &o[5], &o[6], &limit, &sweeps)
-        || arrays_get(&a, o, "iiidiid", columns, 2) < 0)
+        || arrays_get(&a, o, "iiidiid", columns, NULL, 2) < 0)
         return NULL;
     Array *x = a.array;
     Py_ssize_t faces = x[0].rows, vertices = x[3].rows, flips = 0;

@@ -16,10 +16,10 @@ sys.path.insert(0, str(Path(__file__).parent / "helpers"))
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Real meshes that are not part of the repository."""
+    """Real meshes beside the repository. Of our own, since these tests also run alone, next to wheels."""
     folder = Path(__file__).resolve().parents[4] / "shared" / "data"
     if not folder.is_dir():
-        pytest.skip("the folder of shared data is not here")
+        pytest.skip("the data folder ../shared/data is not beside the repository")
     return folder
 
 

@@ -139,10 +139,10 @@ def test_bounds_come_from_the_options_or_from_the_function() -> None:
 
     with pytest.raises(InputError, match=r"--bounds '\[\["):
         open_analytic(ball, AnalyticConfig())
-    ball.bounds = BOX  # type: ignore[attr-defined]
+    vars(ball)["bounds"] = BOX
     assert isinstance(open_analytic(ball, AnalyticConfig()), Surface)
     for wrong in ([[0, 0, 0]], "box", [[1, 1, 1], [0, 0, 0]], [[0, 0, 0], [1, 1, float("inf")]]):
-        ball.bounds = wrong  # type: ignore[attr-defined]
+        vars(ball)["bounds"] = wrong
         with pytest.raises(InputError, match="`bounds` is not a box"):
             open_analytic(ball, AnalyticConfig())
 

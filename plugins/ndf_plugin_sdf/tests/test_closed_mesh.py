@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from ndf_plugin_sdf.closed_mesh import ClosedMesh, closed_mesh
@@ -193,7 +195,7 @@ def test_ten_vertices_are_enough() -> None:
 
 
 @pytest.mark.slow
-def test_every_shared_mesh_is_taken_and_every_open_one_refused(shared_data) -> None:  # type: ignore[no-untyped-def]
+def test_every_shared_mesh_is_taken_and_every_open_one_refused(shared_data: Path) -> None:
     """Components and Euler characteristics as the manifest of the data says."""
     from ndf_plugin_sdf.readers.mesh_file import read_mesh_file
 

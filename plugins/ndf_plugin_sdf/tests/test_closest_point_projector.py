@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -92,8 +94,10 @@ def test_laws() -> None:
     # rows are independent
     order = torch.from_numpy(np.random.default_rng(1).permutation(500))
     for part in order.split(77):
-        assert torch.equal(projector.project(points[part]).points, whole.points[part])
-        assert torch.equal(projector.project(points[part]).normals, whole.normals[part])  # type: ignore[arg-type]
+        alone = projector.project(points[part])
+        assert alone.normals is not None
+        assert torch.equal(alone.points, whole.points[part])
+        assert torch.equal(alone.normals, whole.normals[part])
     # dtype kept, input left alone, nothing at all works
     single = points.float()
     before = single.clone()
@@ -145,7 +149,7 @@ def test_samples_are_on_the_mesh_and_even_by_area() -> None:
     assert outward.all()
 
 
-def test_opening_files(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_opening_files(tmp_path: Path) -> None:
     path = tmp_path / "two.obj"
     path.write_bytes(obj(*together(ball(), ball(2, 1.0, (50, 0, 0)))))
     surface = open_mesh(path, MeshConfig())

@@ -10,6 +10,7 @@ import torch
 from ndf_plugin_sdf.analytic import AnalyticConfig
 from ndf_plugin_sdf.analytic_surface import open_analytic
 
+from ndf_core.base_mesh.level_set import LevelSetExtractor
 from ndf_core.mesh import topology
 
 SHAPES = Path(__file__).resolve().parents[3] / "examples" / "shapes"
@@ -37,6 +38,7 @@ def test_shapes_open_and_project(name: str) -> None:
 @pytest.mark.parametrize("name", GENUS)
 def test_shapes_have_their_genus(name: str) -> None:
     extractor = open_analytic(str(SHAPES / name), AnalyticConfig(resolution=128)).base_mesh
-    vertices, faces, _ = extractor.dense()  # type: ignore[attr-defined]
+    assert isinstance(extractor, LevelSetExtractor)
+    vertices, faces, _ = extractor.dense()
     counts = topology(faces, len(vertices))
     assert (counts.components, counts.genus) == (1, GENUS[name])

@@ -32,7 +32,7 @@ def _bounded() -> Iterator[None]:
     assert time.process_time() - before < 5.0
 
 
-def refused(folder: Path, data: bytes, name: str) -> str:
+def check_refused(folder: Path, data: bytes, name: str) -> str:
     """The one clear error that a file gives."""
     path = folder / name
     path.write_bytes(data)
@@ -45,7 +45,7 @@ def refused(folder: Path, data: bytes, name: str) -> str:
     return message
 
 
-def refused_or_read(folder: Path, data: bytes, name: str) -> None:
+def check_refused_or_read(folder: Path, data: bytes, name: str) -> None:
     path = folder / name
     path.write_bytes(data)
     sniff(path)
@@ -58,7 +58,7 @@ def refused_or_read(folder: Path, data: bytes, name: str) -> None:
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_empty_file_and_directory(tmp_path: Path, suffix: str) -> None:
-    assert "empty" in refused(tmp_path, b"", f"a{suffix}")
+    assert "empty" in check_refused(tmp_path, b"", f"a{suffix}")
     folder = tmp_path / f"folder{suffix}"
     folder.mkdir()
     assert sniff(folder) is None
@@ -72,7 +72,7 @@ def test_empty_file_and_directory(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_binary_noise(tmp_path: Path, suffix: str, seed: int) -> None:
     noise = np.random.default_rng(seed).bytes(10 ** (seed + 1))
-    refused(tmp_path, noise, f"noise{suffix}")
+    check_refused(tmp_path, noise, f"noise{suffix}")
     found = sniff(tmp_path / f"noise{suffix}")
     assert found is not None
     assert found.confidence == 0.3
@@ -90,7 +90,7 @@ MAGIC = {
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_after_the_right_beginning(tmp_path: Path, suffix: str, seed: int) -> None:
-    refused(tmp_path, MAGIC[suffix] + np.random.default_rng(seed).bytes(3000), f"noise{suffix}")
+    check_refused(tmp_path, MAGIC[suffix] + np.random.default_rng(seed).bytes(3000), f"noise{suffix}")
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -98,7 +98,7 @@ def test_noise_after_the_right_beginning(tmp_path: Path, suffix: str, seed: int)
 def test_truncated_files(tmp_path: Path, name: str, tenths: int) -> None:
     suffix, write = FORMATS[name]
     data = write(*ball())
-    refused(tmp_path, data[: len(data) * tenths // 10], f"cut{suffix}")
+    check_refused(tmp_path, data[: len(data) * tenths // 10], f"cut{suffix}")
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -111,7 +111,7 @@ def test_flipped_bytes(tmp_path: Path, name: str) -> None:
         # Half of them in the header, where they hurt.
         places = rng.integers(0, len(data) if rng.random() < 0.5 else min(300, len(data)), 3)
         changed[places] = rng.integers(0, 256, 3)
-        refused_or_read(tmp_path, changed.tobytes(), f"flipped{suffix}")
+        check_refused_or_read(tmp_path, changed.tobytes(), f"flipped{suffix}")
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -120,7 +120,7 @@ def test_vertices_that_are_not_finite(tmp_path: Path, name: str, value: float) -
     suffix, write = FORMATS[name]
     vertices, faces = ball()
     vertices[17, 1] = value
-    assert "not finite" in refused(tmp_path, write(vertices, faces), f"a{suffix}")
+    assert "not finite" in check_refused(tmp_path, write(vertices, faces), f"a{suffix}")
 
 
 INDEXED = [name for name in FORMATS if "stl" not in name]
@@ -134,7 +134,7 @@ def test_indices_out_of_range(tmp_path: Path, name: str, index: int) -> None:
     assert len(vertices) == 162
     faces = faces.astype(np.int64)
     faces[5, 2] = index
-    assert "vert" in refused(tmp_path, write(vertices, faces), f"a{suffix}")
+    assert "vert" in check_refused(tmp_path, write(vertices, faces), f"a{suffix}")
 
 
 @pytest.mark.parametrize("name", ["off", "ply", "text ply", "big-endian ply"])
@@ -142,27 +142,27 @@ def test_negative_indices(tmp_path: Path, name: str) -> None:
     suffix, write = FORMATS[name]
     vertices, faces = ball()
     faces[5, 2] = -3
-    assert "do not exist" in refused(tmp_path, write(vertices, faces), f"a{suffix}")
+    assert "do not exist" in check_refused(tmp_path, write(vertices, faces), f"a{suffix}")
 
 
 @pytest.mark.parametrize(
     "text", ["f 0 1 2", "f -9 1 2", "f 1 2 x", "f 1 2", "f 1 2 99999999999999999999", "f 1.5 2 3"]
 )
 def test_obj_faces_that_make_no_sense(tmp_path: Path, text: str) -> None:
-    refused(tmp_path, f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{text}\n".encode(), "a.obj")
+    check_refused(tmp_path, f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{text}\n".encode(), "a.obj")
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_no_faces(tmp_path: Path, name: str) -> None:
     suffix, write = FORMATS[name]
-    message = refused(tmp_path, write(ball()[0], np.zeros((0, 3), np.int64)), f"a{suffix}")
+    message = check_refused(tmp_path, write(ball()[0], np.zeros((0, 3), np.int64)), f"a{suffix}")
     assert "no triangles" in message or "no faces" in message
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_no_vertices_and_no_faces(tmp_path: Path, name: str) -> None:
     suffix, write = FORMATS[name]
-    refused(tmp_path, write(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), f"a{suffix}")
+    check_refused(tmp_path, write(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), f"a{suffix}")
 
 
 @pytest.mark.parametrize("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
@@ -173,8 +173,8 @@ def test_ply_headers_with_lying_counts(tmp_path: Path, kind: str, count: str) ->
     vertices, faces = ball()
     whole = ascii_ply(vertices, faces) if kind == "ascii" else ply(vertices, faces, ">" if "big" in kind else "<")
     body = whole[whole.index(b"end_header\n") + 11 :]
-    refused(tmp_path, ply_header(kind, count, len(faces)) + body, "a.ply")
-    refused(tmp_path, ply_header(kind, len(vertices), count) + body, "a.ply")
+    check_refused(tmp_path, ply_header(kind, count, len(faces)) + body, "a.ply")
+    check_refused(tmp_path, ply_header(kind, len(vertices), count) + body, "a.ply")
 
 
 @pytest.mark.parametrize(("vertices", "faces"), [(163, 320), (161, 320), (162, 321), (162, 330)])
@@ -182,7 +182,7 @@ def test_ply_headers_that_are_off_by_a_few(tmp_path: Path, vertices: int, faces:
     for whole in (ascii_ply(*ball()), ply(*ball())):
         kind = "ascii" if b"ascii" in whole else "binary_little_endian"
         body = whole[whole.index(b"end_header\n") + 11 :]
-        refused(tmp_path, ply_header(kind, vertices, faces) + body, "a.ply")
+        check_refused(tmp_path, ply_header(kind, vertices, faces) + body, "a.ply")
 
 
 @pytest.mark.parametrize("length", [b"\xff", b"\x00", b"\x01", b"\x02", b"\x04"])
@@ -192,7 +192,7 @@ def test_ply_lists_with_lying_lengths(tmp_path: Path, length: bytes) -> None:
     for row in (0, 1, 319):
         changed = data.copy()
         changed[first_face + 13 * row : first_face + 13 * row + 1] = length
-        refused(tmp_path, bytes(changed), "a.ply")
+        check_refused(tmp_path, bytes(changed), "a.ply")
 
 
 @pytest.mark.parametrize(
@@ -211,21 +211,21 @@ def test_ply_lists_with_lying_lengths(tmp_path: Path, length: bytes) -> None:
     ],
 )
 def test_ply_headers_that_are_wrong(tmp_path: Path, header: str) -> None:
-    refused(tmp_path, header.encode(), "a.ply")
+    check_refused(tmp_path, header.encode(), "a.ply")
 
 
 @pytest.mark.parametrize("count", [0, 1, 319, 321, 2**31, 2**32 - 1])
 def test_stl_headers_with_lying_counts(tmp_path: Path, count: int) -> None:
     data = bytearray(stl(*ball()))
     data[80:84] = count.to_bytes(4, "little")
-    assert f"announces {count:,} triangles" in refused(tmp_path, bytes(data), "a.stl")
+    assert f"announces {count:,} triangles" in check_refused(tmp_path, bytes(data), "a.stl")
 
 
 @pytest.mark.parametrize(
     "counts", ["2147483648 320 0", "162 2147483648 0", "-1 320 0", "162 -1 0", "x y z", "162", "1.5 2 3", "162 321 0"]
 )
 def test_off_headers_with_lying_counts(tmp_path: Path, counts: str) -> None:
-    refused(tmp_path, off(*ball()).replace(b"162 320 0", counts.encode()), "a.off")
+    check_refused(tmp_path, off(*ball()).replace(b"162 320 0", counts.encode()), "a.off")
 
 
 GLB_CHANGES = {
@@ -273,14 +273,14 @@ GLB_CHANGES = {
 def test_glb_descriptions_that_lie(tmp_path: Path, change: str) -> None:
     document, binary = gltf(*ball())
     GLB_CHANGES[change](document)
-    refused(tmp_path, chunks(document, binary), "a.glb")
+    check_refused(tmp_path, chunks(document, binary), "a.glb")
 
 
 @pytest.mark.parametrize(
     "text", [b"", b"[]", b"7", b"{", b"[" * 100_000, b'{"meshes": [' + b"9" * 5000 + b"]}", b"\xff\xfe"]
 )
 def test_glb_descriptions_that_are_no_json_objects(tmp_path: Path, text: bytes) -> None:
-    refused(tmp_path, chunks(text, b""), "a.glb")
+    check_refused(tmp_path, chunks(text, b""), "a.glb")
 
 
 def test_glb_instances_are_bounded(tmp_path: Path) -> None:
@@ -288,7 +288,7 @@ def test_glb_instances_are_bounded(tmp_path: Path) -> None:
     document, binary = gltf(*ball(5))
     document["nodes"] = [{"mesh": 0}] * 2_000
     document["scenes"] = [{"nodes": list(range(2_000))}]
-    assert "copies counted" in refused(tmp_path, chunks(document, binary), "a.glb")
+    assert "copies counted" in check_refused(tmp_path, chunks(document, binary), "a.glb")
 
 
 def test_glb_lengths_that_lie(tmp_path: Path) -> None:
@@ -297,7 +297,7 @@ def test_glb_lengths_that_lie(tmp_path: Path) -> None:
         for value in (2**32 - 1, 0, 13):
             changed = data.copy()
             changed[place : place + 4] = value.to_bytes(4, "little")
-            refused(tmp_path, bytes(changed), "a.glb")
+            check_refused(tmp_path, bytes(changed), "a.glb")
 
 
 def test_names_and_references_are_never_followed(tmp_path: Path) -> None:
@@ -314,5 +314,5 @@ def test_names_and_references_are_never_followed(tmp_path: Path) -> None:
 
 
 def test_a_mesh_file_that_is_something_else(tmp_path: Path) -> None:
-    assert "not a mesh file" in refused(tmp_path, b"hello", "a.txt")
-    refused(tmp_path, json.dumps({"type": "sphere"}).encode(), "a.obj")
+    assert "not a mesh file" in check_refused(tmp_path, b"hello", "a.txt")
+    check_refused(tmp_path, json.dumps({"type": "sphere"}).encode(), "a.obj")
