@@ -10,7 +10,18 @@ from jaxtyping import install_import_hook
 # Shapes and dtypes of every annotated array are checked in all that computes. `kernels` checks its arguments itself,
 # which its tests test. The light modules (cli, config, plugins) hold no arrays and name heavy types under
 # TYPE_CHECKING, which beartype cannot resolve.
-CHECKED = ("asset", "base_mesh", "extract", "fitting", "interfaces", "mesh", "meshio", "render")
+CHECKED = [
+    "asset",
+    "base_mesh",
+    "extract",
+    "fitting",
+    "interfaces",
+    "mesh",
+    "meshio",
+    "readers",
+    "render",
+    "surfaces",
+]
 
 install_import_hook([f"ndf_core.{name}" for name in CHECKED], "shape_checks.check")
 

@@ -21,8 +21,6 @@ from pathlib import Path
 from typing import Any
 
 from accuracy import measure_asset, option
-from ndf_plugin_sdf.closed_mesh import closed_mesh
-from ndf_plugin_sdf.readers.mesh_file import read_mesh_file
 from qem_draco import Point, Reference, bytes_at, lower_envelope, rms_at, sweep
 
 import ndf_core
@@ -33,6 +31,8 @@ from ndf_core.errors import ConfigError, NdfError
 from ndf_core.files import atomic_write
 from ndf_core.fitting.pipeline import run_fit
 from ndf_core.interfaces import Surface
+from ndf_core.readers.mesh_file import read_mesh_file
+from ndf_core.surfaces.closed_mesh import closed_mesh
 
 HERE = Path(__file__).resolve().parent
 SHAPES = ("rocker-arm.obj", "nefertiti.obj", "igea_tri.ply", "armadillo.obj", "sks_elephant_A.obj")

@@ -12,15 +12,15 @@ import torch
 
 from ndf_core.errors import InputError
 from ndf_core.interfaces import Surface
+from ndf_core.surfaces.box import Box
+from ndf_core.surfaces.fingerprint import fingerprint
+from ndf_core.surfaces.implicit_field import ImplicitField
+from ndf_core.surfaces.level_set_surface import level_set_surface
 from ndf_plugin_sdf.analytic import AnalyticConfig, names_callable
 from ndf_plugin_sdf.callable_field import CallableField
 from ndf_plugin_sdf.containment import check_contained
-from ndf_plugin_sdf.csg.box import Box
 from ndf_plugin_sdf.csg.tree import parse_tree, read_tree
 from ndf_plugin_sdf.defaults import ANALYTIC_TRAINING_DEFAULTS
-from ndf_plugin_sdf.fingerprint import fingerprint
-from ndf_plugin_sdf.implicit_field import ImplicitField
-from ndf_plugin_sdf.level_set_surface import level_set_surface
 from ndf_plugin_sdf.tree_field import TreeField
 from ndf_plugin_sdf.user_function import find, probe
 

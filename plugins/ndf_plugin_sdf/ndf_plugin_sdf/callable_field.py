@@ -8,10 +8,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ndf_core.errors import InputError
-from ndf_plugin_sdf.csg.box import Box
-from ndf_plugin_sdf.foot_points import foot_points
-from ndf_plugin_sdf.implicit_field import ImplicitField
-from ndf_plugin_sdf.newton import TOLERANCE
+from ndf_core.surfaces.box import Box
+from ndf_core.surfaces.foot_points import foot_points
+from ndf_core.surfaces.implicit_field import ImplicitField
+from ndf_core.surfaces.newton import TOLERANCE
 from ndf_plugin_sdf.user_function import UserFunction
 
 _SAMPLES = 8192

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ndf_core.errors import InputError
-from ndf_plugin_sdf.csg.box import Box
-from ndf_plugin_sdf.implicit_field import ImplicitField
+from ndf_core.surfaces.box import Box
+from ndf_core.surfaces.implicit_field import ImplicitField
 
 _ACROSS = 97
 

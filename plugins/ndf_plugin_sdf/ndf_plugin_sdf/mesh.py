@@ -8,8 +8,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from ndf_core.api import RepresentationSpec, Sniff, hookimpl
+from ndf_core.readers.detect import SUFFIXES, look
 from ndf_plugin_sdf.defaults import API_VERSION, TRAINING_DEFAULTS
-from ndf_plugin_sdf.readers.detect import SUFFIXES, look
 
 
 class MeshConfig(BaseModel):

@@ -14,13 +14,13 @@ from ndf_core.base_mesh.level_set import LevelSetPolicy
 from ndf_core.errors import InputError
 from ndf_core.interfaces import Surface
 from ndf_core.mesh import face_normals
-from ndf_plugin_sdf.closed_mesh import ClosedMesh, closed_mesh
-from ndf_plugin_sdf.closest_point_projector import ClosestPointProjector
+from ndf_core.readers.mesh_file import read_mesh_file
+from ndf_core.readers.polygons import RawMesh
+from ndf_core.surfaces.closed_mesh import ClosedMesh, closed_mesh
+from ndf_core.surfaces.closest_point_projector import ClosestPointProjector
+from ndf_core.surfaces.fingerprint import fingerprint
 from ndf_plugin_sdf.defaults import TRAINING_DEFAULTS
-from ndf_plugin_sdf.fingerprint import fingerprint
 from ndf_plugin_sdf.mesh import MeshConfig
-from ndf_plugin_sdf.readers.mesh_file import read_mesh_file
-from ndf_plugin_sdf.readers.polygons import RawMesh
 
 
 def open_mesh(source: str | Path | object, config: MeshConfig) -> Surface:

@@ -7,9 +7,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ndf_core.errors import InputError
-from ndf_plugin_sdf.csg.box import Box, overlap
+from ndf_core.surfaces.box import Box, overlap
+from ndf_core.surfaces.implicit_field import ImplicitField
 from ndf_plugin_sdf.csg.node import Node
-from ndf_plugin_sdf.implicit_field import ImplicitField
 from ndf_plugin_sdf.tighten import tightened
 
 _VALUES_PER_BLOCK = 1 << 22

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from ndf_plugin_sdf.csg.box import Box
 from ndf_plugin_sdf.csg.tree import parse_tree
 from sdf_trees import BALL, BLOB, BRACKET, SOLIDS, TREES, cloud, gradients, node, values
+
+from ndf_core.surfaces.box import Box
 
 POINTS = cloud(0, 4000, 3.0)
 thoroughly = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])

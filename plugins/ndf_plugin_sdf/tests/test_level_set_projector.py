@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import torch
 from ndf_plugin_sdf.csg.tree import parse_tree
-from ndf_plugin_sdf.level_set_projector import LevelSetProjector
-from ndf_plugin_sdf.random_lines import sample_level_set
 from ndf_plugin_sdf.tree_field import TreeField
 from scipy.spatial import KDTree
 from sdf_trees import BALL, SOLIDS, node
 
 from ndf_core.errors import InputError
+from ndf_core.surfaces.level_set_projector import LevelSetProjector
+from ndf_core.surfaces.random_lines import sample_level_set
 
 
 def field_of(tree: dict[str, Any]) -> TreeField:
@@ -187,7 +187,7 @@ def test_blades_sharper_than_a_right_angle_converge_on_their_edges() -> None:
 
 
 def test_what_is_outside_of_the_bounds_is_not_the_surface() -> None:
-    from ndf_plugin_sdf.csg.box import Box
+    from ndf_core.surfaces.box import Box
 
     field = TreeField(parse_tree({"type": "repeat", "child": BALL, "count": [3, 1, 1], "spacing": [3, 3, 3]}))
     field.bounds = Box(np.array([-1.5, -1.5, -1.5]), np.array([1.5, 1.5, 1.5]))

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
+import trimesh
 from ndf_plugin_sdf import analytic, mesh
-from sdf_meshes import obj, torus
 from sdf_trees import BALL
 
 import ndf_core
@@ -26,7 +26,7 @@ def test_entry_modules_import_nothing_heavy(module: str) -> None:
 
 
 def test_sniffing_imports_nothing_heavy(tmp_path: Path) -> None:
-    (tmp_path / "a.obj").write_bytes(obj(*torus()))
+    trimesh.creation.torus(2.0, 0.5).export(tmp_path / "a.obj")
     (tmp_path / "a.toml").write_text('type = "sphere"\nradius = 1\n')
     code = (
         "import sys; from pathlib import Path; from ndf_plugin_sdf import analytic, mesh\n"
@@ -51,7 +51,7 @@ def test_specs_keep_the_contract(spec: RepresentationSpec) -> None:
 
 
 def test_the_core_opens_both(tmp_path: Path) -> None:
-    (tmp_path / "ring.obj").write_bytes(obj(*torus()))
+    trimesh.creation.torus(2.0, 0.5).export(tmp_path / "ring.obj")
     ring = ndf_core.open(tmp_path / "ring.obj", resolution=64)
     assert ring.representation == "mesh"
     assert any("triangle mesh" in note for note in ring.notes)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from ndf_plugin_sdf.csg.box import Box
 from ndf_plugin_sdf.csg.tree import parse_tree
-from ndf_plugin_sdf.random_lines import sample_level_set
 from ndf_plugin_sdf.tree_field import TreeField
 from sdf_trees import SOLIDS, node
 
 from ndf_core.errors import InputError
+from ndf_core.surfaces.box import Box
+from ndf_core.surfaces.random_lines import sample_level_set
 
 
 def test_samples_lie_on_the_surface_with_its_normals() -> None:

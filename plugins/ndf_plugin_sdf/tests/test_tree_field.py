@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import HealthCheck, given, settings
-from ndf_plugin_sdf.csg.box import Box
 from ndf_plugin_sdf.csg.tree import parse_tree
 from ndf_plugin_sdf.tree_field import TreeField
 from sdf_trees import BALL, SOLIDS, TREES, cloud, node, values
 
 from ndf_core.errors import InputError
+from ndf_core.surfaces.box import Box
 
 POINTS = cloud(0, 20_000, 3.0)
 

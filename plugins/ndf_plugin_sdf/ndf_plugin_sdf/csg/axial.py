@@ -10,8 +10,8 @@ from jaxtyping import Float
 from pydantic import Field, model_validator
 from torch import Tensor
 
+from ndf_core.surfaces.box import Box, hull
 from ndf_plugin_sdf.csg.arithmetic import hypotenuse, length
-from ndf_plugin_sdf.csg.box import Box, hull
 from ndf_plugin_sdf.csg.node import LARGEST, ORIGIN, Length, Primitive, Vector, column
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor
 
-from ndf_plugin_sdf.csg.box import Box, hull, overlap
+from ndf_core.surfaces.box import Box, hull, overlap
 from ndf_plugin_sdf.csg.nearest import Culled, culled, fields_near_minimum
 from ndf_plugin_sdf.csg.node import Length, Node
 from ndf_plugin_sdf.csg.smooth import smooth_minimum

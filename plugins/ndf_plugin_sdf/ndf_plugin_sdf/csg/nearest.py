@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ndf_plugin_sdf.csg.box import Box, hull
+from ndf_core.surfaces.box import Box, hull
 from ndf_plugin_sdf.csg.node import Node, column
 
 _MARGIN = 0.02

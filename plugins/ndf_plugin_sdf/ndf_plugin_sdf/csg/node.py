@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 
-from ndf_plugin_sdf.csg.box import Box
+from ndf_core.surfaces.box import Box
 
 if TYPE_CHECKING:
     from ndf_plugin_sdf.csg.tree import Shape

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from pydantic import Field, model_validator
 from torch import Tensor
 
-from ndf_plugin_sdf.csg.box import Box, hull
+from ndf_core.surfaces.box import Box, hull
 from ndf_plugin_sdf.csg.node import Length, Lengths, Modifier, Number, Vector, column
 
 

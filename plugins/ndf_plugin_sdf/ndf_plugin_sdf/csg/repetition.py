@@ -21,7 +21,7 @@ from numpy import ndarray as Array
 from pydantic import Field, model_validator
 from torch import Tensor
 
-from ndf_plugin_sdf.csg.box import Box, hull
+from ndf_core.surfaces.box import Box, hull
 from ndf_plugin_sdf.csg.node import Lengths, Modifier, column
 from ndf_plugin_sdf.csg.shaping import swept
 

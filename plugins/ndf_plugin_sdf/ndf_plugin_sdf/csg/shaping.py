@@ -10,7 +10,7 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor
 
-from ndf_plugin_sdf.csg.box import Box
+from ndf_core.surfaces.box import Box
 from ndf_plugin_sdf.csg.node import Length, Modifier, Number
 
 

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from pydantic import Field, model_validator
 from torch import Tensor
 
+from ndf_core.surfaces.box import Box
 from ndf_plugin_sdf.csg.arithmetic import length
-from ndf_plugin_sdf.csg.box import Box
 from ndf_plugin_sdf.csg.node import ORIGIN, Length, Lengths, Number, Primitive, Vector, column
 
 

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 
-from ndf_plugin_sdf.readers.detect import is_binary_stl, stl_count
-from ndf_plugin_sdf.readers.numbers import parse_numbers
-from ndf_plugin_sdf.readers.polygons import RawMesh
+from ndf_core.readers.detect import is_binary_stl, stl_count
+from ndf_core.readers.numbers import parse_numbers
+from ndf_core.readers.polygons import RawMesh
 
 _ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VERTEX = re.compile(rb"^\s*vertex\b([^\r\n]*)", re.MULTILINE | re.IGNORECASE)

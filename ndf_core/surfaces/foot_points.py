@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from ndf_plugin_sdf.implicit_field import ImplicitField
-from ndf_plugin_sdf.newton import Rows, step
+from ndf_core.surfaces.implicit_field import ImplicitField
+from ndf_core.surfaces.newton import Rows, step
 
 WORTH_CORRECTING = 1e-5
 """Tangential offsets below this share of the size are left alone: a tenth of the error of a good fit."""

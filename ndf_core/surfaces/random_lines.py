@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from torch import Tensor
 
 from ndf_core.errors import InputError
-from ndf_plugin_sdf.implicit_field import ImplicitField
+from ndf_core.surfaces.implicit_field import ImplicitField
 
 _FEWEST_LINES, _MOST_LINES = 1024, 131_072
 """Lines that are followed together."""

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_files import FORMATS, ascii_ply, ball, chunks, gltf, obj, off, ply, ply_header, stl
 from ndf_plugin_sdf.mesh import MeshConfig, sniff
 from ndf_plugin_sdf.mesh_surface import open_mesh
-from sdf_meshes import FORMATS, ascii_ply, ball, chunks, gltf, obj, off, ply, ply_header, stl
 
 from ndf_core.errors import InputError
 

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ndf_plugin_sdf.readers.gltf_accessor import Buffer, accessor_count, read_accessor
-from ndf_plugin_sdf.readers.gltf_scene import placed_meshes
-from ndf_plugin_sdf.readers.polygons import RawMesh, strip_triangles
+from ndf_core.readers.gltf_accessor import Buffer, accessor_count, read_accessor
+from ndf_core.readers.gltf_scene import placed_meshes
+from ndf_core.readers.polygons import RawMesh, strip_triangles
 
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6

@@ -8,9 +8,9 @@ from torch import Tensor
 
 from ndf_core.errors import InputError
 from ndf_core.interfaces import Projection, Projector
-from ndf_plugin_sdf.foot_points import foot_points
-from ndf_plugin_sdf.implicit_field import ImplicitField
-from ndf_plugin_sdf.newton import TOLERANCE
+from ndf_core.surfaces.foot_points import foot_points
+from ndf_core.surfaces.implicit_field import ImplicitField
+from ndf_core.surfaces.newton import TOLERANCE
 
 MOST_STEPS = 12
 

@@ -1,22 +1,20 @@
-"""PLY: text and binary, polygons and triangle strips."""
+"""The tables of a PLY file, text or binary: named columns of numbers, or of lists of numbers."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int
 from numpy import ndarray as Array
 
-from ndf_plugin_sdf.readers.numbers import as_indices, parse_numbers
-from ndf_plugin_sdf.readers.ply_header import Element, read_ply_header
-from ndf_plugin_sdf.readers.polygons import RawMesh, fans, strip_triangles
+from ndf_core.readers.numbers import as_indices, parse_numbers
+from ndf_core.readers.ply_header import Element, read_ply_header
 
 Column = Array | tuple[Array, Array]
 """One number per row; or for lists their lengths and all their items in a row."""
-_LISTS = ("vertex_indices", "vertex_index")
 
 
-def read_ply(data: bytes) -> RawMesh:
-    """Read vertices and faces. Nothing is allocated for rows before they are known to be there.
+def read_ply_tables(data: bytes) -> dict[str, dict[str, Column]]:
+    """Every element of the file with its columns by name. Nothing is allocated for rows before they are known to be
+    there.
 
     Raises:
         ValueError: the file is not valid PLY or holds less than its header says.
@@ -32,29 +30,7 @@ def read_ply(data: bytes) -> RawMesh:
             tables[element.name] = reader.table(element)
         except EOFError as error:
             raise ValueError(f"the file ends inside its {element.count:,} rows of {element.name!r}") from error
-    corners, sizes = _lists(tables, "face")
-    strips, strip_sizes = _lists(tables, "tristrips")
-    if not len(sizes) and not len(strip_sizes):
-        raise ValueError("there are no faces in it; it may be a point cloud or splats")
-    vertex = tables.get("vertex", {})
-    if not all(isinstance(vertex.get(axis), np.ndarray) for axis in "xyz"):
-        raise ValueError("there are no vertices with x, y and z")
-    vertices = np.stack([np.asarray(vertex[axis], dtype=np.float64) for axis in "xyz"], axis=1)
-    faces, notes = fans(corners, sizes)
-    pieces = (
-        [strip_triangles(strip) for strip in np.split(strips, np.cumsum(strip_sizes)[:-1])] if len(strips) else []
-    )
-    return RawMesh(vertices, np.concatenate([faces, *pieces]), notes)
-
-
-def _lists(tables: dict[str, dict[str, Column]], name: str) -> tuple[Int[Array, " n"], Int[Array, " p"]]:
-    """Items and lengths of the index lists of a table."""
-    for column in _LISTS:
-        found = tables.get(name, {}).get(column)
-        if isinstance(found, tuple):
-            sizes, items = found
-            return as_indices(items.astype(np.float64)), as_indices(sizes.astype(np.float64))
-    return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    return tables
 
 
 class _Binary:

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 
-from ndf_plugin_sdf.readers.numbers import as_indices, parse_numbers
-from ndf_plugin_sdf.readers.polygons import RawMesh, fans
+from ndf_core.readers.numbers import as_indices, parse_numbers
+from ndf_core.readers.polygons import RawMesh, fans
 
 _COMMENT = re.compile(rb"#[^\r\n]*")
 _KEYWORD = re.compile(rb"\s*(?:ST)?C?N?OFF\b")

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from torch import Tensor
 
-from ndf_plugin_sdf.csg.box import Box
+from ndf_core.surfaces.box import Box
 
 
 class ImplicitField(ABC):

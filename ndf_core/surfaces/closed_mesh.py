@@ -11,9 +11,9 @@ from numpy import ndarray as Array
 from ndf_core.base_mesh.checks import inside_out_components
 from ndf_core.errors import InputError
 from ndf_core.mesh import face_components, signed_volume
-from ndf_plugin_sdf.edges import Edges, orient, split_vertices
-from ndf_plugin_sdf.readers.polygons import RawMesh
-from ndf_plugin_sdf.welding import weld
+from ndf_core.readers.polygons import RawMesh
+from ndf_core.surfaces.edges import Edges, orient, split_vertices
+from ndf_core.surfaces.welding import weld
 
 _SMALLEST, _LARGEST = 1e-60, 1e60
 """Sizes whose squares and cubes are far from the ends of float64."""

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from ndf_plugin_sdf.closest_point_projector import ClosestPointProjector
+from mesh_files import ball, cube, obj, together, torus
 from ndf_plugin_sdf.mesh import MeshConfig
 from ndf_plugin_sdf.mesh_surface import open_mesh
-from sdf_meshes import ball, cube, obj, together, torus
 
 from ndf_core.errors import InputError
 from ndf_core.mesh import face_normals
+from ndf_core.surfaces.closest_point_projector import ClosestPointProjector
 
 Mesh = tuple[np.ndarray, np.ndarray]
 

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ndf_plugin_sdf.readers.numbers import parse_numbers
-from ndf_plugin_sdf.readers.polygons import RawMesh, fans
+from ndf_core.readers.numbers import parse_numbers
+from ndf_core.readers.polygons import RawMesh, fans
 
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]([^\r\n#]*)", re.MULTILINE)
 _FACE = re.compile(rb"^[ \t]*f[ \t]([^\r\n#]*)", re.MULTILINE)

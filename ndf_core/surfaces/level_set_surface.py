@@ -9,9 +9,9 @@ import numpy as np
 
 from ndf_core.base_mesh.level_set import LevelSetExtractor, LevelSetPolicy
 from ndf_core.interfaces import Surface
-from ndf_plugin_sdf.implicit_field import ImplicitField
-from ndf_plugin_sdf.level_set_projector import LevelSetProjector
-from ndf_plugin_sdf.random_lines import sample_level_set
+from ndf_core.surfaces.implicit_field import ImplicitField
+from ndf_core.surfaces.level_set_projector import LevelSetProjector
+from ndf_core.surfaces.random_lines import sample_level_set
 
 
 def level_set_surface(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from ndf_plugin_sdf.readers.ply_header import PlyHeaderError, read_ply_header
+from ndf_core.readers.ply_header import PlyHeaderError, read_ply_header
 
 Format = Literal["ply", "stl", "ascii stl", "obj", "off", "glb"]
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ndf_plugin_sdf.closed_mesh import ClosedMesh, closed_mesh
-from ndf_plugin_sdf.readers.polygons import RawMesh
-from sdf_meshes import ball, cube, together, torus
+from mesh_files import ball, cube, together, torus
 
 from ndf_core.errors import InputError
 from ndf_core.mesh import signed_volume, topology
+from ndf_core.readers.polygons import RawMesh
+from ndf_core.surfaces.closed_mesh import ClosedMesh, closed_mesh
 
 RNG = np.random.default_rng(0)
 
@@ -197,7 +197,7 @@ def test_ten_vertices_are_enough() -> None:
 @pytest.mark.slow
 def test_every_shared_mesh_is_taken_and_every_open_one_refused(shared_data: Path) -> None:
     """Components and Euler characteristics as the manifest of the data says."""
-    from ndf_plugin_sdf.readers.mesh_file import read_mesh_file
+    from ndf_core.readers.mesh_file import read_mesh_file
 
     for row in (shared_data / "MANIFEST.md").read_text().splitlines():
         cells = [cell.strip() for cell in row.split("|")[1:-1]]

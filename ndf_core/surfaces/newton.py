@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from ndf_plugin_sdf.implicit_field import ImplicitField
+from ndf_core.surfaces.implicit_field import ImplicitField
 
 GOAL = 1e-10
 """Rows go on until |phi| / |grad phi| is below this share of the size, or stands still."""

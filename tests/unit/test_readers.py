@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from mesh_files import FORMATS, ball, by_trimesh, chunks, gltf, ply_header, torus
 from ndf_plugin_sdf.mesh import sniff
-from ndf_plugin_sdf.readers.mesh_file import read_mesh_file
-from ndf_plugin_sdf.readers.polygons import RawMesh, fans, strip_triangles
-from sdf_meshes import FORMATS, ball, by_trimesh, chunks, gltf, ply_header, torus
 
 from ndf_core.errors import InputError
+from ndf_core.readers.mesh_file import read_mesh_file
+from ndf_core.readers.polygons import RawMesh, fans, strip_triangles
 
 
 def read(folder: Path, data: bytes, name: str = "file.bin") -> RawMesh:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from ndf_core.errors import InputError
-from ndf_plugin_sdf.readers.detect import SUFFIXES, look
-from ndf_plugin_sdf.readers.glb import read_glb
-from ndf_plugin_sdf.readers.obj import read_obj
-from ndf_plugin_sdf.readers.off import read_off
-from ndf_plugin_sdf.readers.ply import read_ply
-from ndf_plugin_sdf.readers.polygons import RawMesh
-from ndf_plugin_sdf.readers.stl import read_ascii_stl, read_stl
+from ndf_core.readers.detect import SUFFIXES, look
+from ndf_core.readers.glb import read_glb
+from ndf_core.readers.obj import read_obj
+from ndf_core.readers.off import read_off
+from ndf_core.readers.ply import read_ply
+from ndf_core.readers.polygons import RawMesh
+from ndf_core.readers.stl import read_ascii_stl, read_stl
 
 MOST_BYTES = 4 << 30
 _READERS = {
