@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ndf_core.base_mesh.checks import check_base_mesh
+from ndf_core.base_mesh.checks import check_base_mesh, longest_side
 from ndf_core.base_mesh.intersections import intersecting_area, intersection_remark, self_intersections
 from ndf_core.base_mesh.split import even_edge_length, split_long_edges
 from ndf_core.base_mesh.untangle import untangle
@@ -25,6 +25,10 @@ RETRIES = 5
 """Decimations that may be tried to be rid of self-intersections; one where the input has many of its own."""
 EMPHASIS = 8.0
 """Factor on the error around a self-intersection in each retry, so that more faces stay there."""
+THIN = 5e-4
+"""Least altitude of a face, as a share of the longest side ..."""
+THIN_EVEN = 0.02
+"""... and of the even edge length, whichever is less: far-apart parts and very many faces need thin ones."""
 UNDONE_AREA = 0.001
 """Self-intersections of the input in a smaller share of its area are treated like those that decimation makes."""
 
@@ -91,8 +95,9 @@ def _without_new_intersections(vertices: Float[Array, "v 3"], faces: Int[Array, 
     faces there."""
     weights, attempts = np.ones(len(vertices)), list[tuple[int, BaseMesh]]()
     inherited: Int[Array, " n"] | None = None
+    thinnest = min(THIN, THIN_EVEN * even_edge_length(vertices, faces, max_faces) / longest_side(vertices))
     while len(attempts) < (RETRIES if inherited is None or not len(inherited) else 1):
-        result = decimate(vertices, faces, max_faces, weights=weights)
+        result = decimate(vertices, faces, max_faces, weights=weights, altitude=thinnest)
         points, pairs = result.vertices, self_intersections(result.vertices, result.faces)
         if len(pairs) and inherited is None:
             inherited = _inherited(vertices, faces)

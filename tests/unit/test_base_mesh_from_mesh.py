@@ -83,6 +83,15 @@ def test_parts_far_apart_are_both_kept() -> None:
     assert topology(encoded.faces, len(encoded.vertices)).components == 2 and mesh.remarks == ()
 
 
+def test_parts_far_apart_share_the_faces_asked_for() -> None:
+    """What counts as thin follows the faces, not the empty space between the parts."""
+    vertices, faces = mesh_of(ball, 32)
+    both = np.concatenate([vertices, vertices + [1000.0, 0, 0]]), np.concatenate([faces, faces + len(vertices)])
+    mesh = MeshExtractor(*both).extract(600)
+    assert 580 <= len(mesh.faces) <= 600 and mesh.remarks == ()
+    assert topology(mesh.faces, len(mesh.vertices)).components == 2
+
+
 def test_what_is_not_a_closed_mesh_is_refused() -> None:
     with pytest.raises(BaseMeshError, match="not closed: 24 of .*--repr soup"):
         MeshExtractor(*sheet(6))
