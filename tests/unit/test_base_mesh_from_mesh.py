@@ -86,8 +86,8 @@ def test_parts_far_apart_are_both_kept() -> None:
 def test_parts_far_apart_share_the_faces_asked_for() -> None:
     """What counts as thin follows the faces, not the empty space between the parts."""
     vertices, faces = mesh_of(ball, 32)
-    both = np.concatenate([vertices, vertices + [1000.0, 0, 0]]), np.concatenate([faces, faces + len(vertices)])
-    mesh = MeshExtractor(*both).extract(600)
+    both = np.concatenate([vertices, vertices + np.array([1000.0, 0, 0])])
+    mesh = MeshExtractor(both, np.concatenate([faces, faces + len(vertices)])).extract(600)
     assert 580 <= len(mesh.faces) <= 600 and mesh.remarks == ()
     assert topology(mesh.faces, len(mesh.vertices)).components == 2
 
