@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -11,7 +12,9 @@ from ndf_core.asset.asset import Asset
 from ndf_core.asset.content import AssetContent
 from ndf_core.errors import ExtractionError
 from ndf_core.extract.extracted import ExtractedMesh
+from ndf_core.extract.intrinsic_delaunay import intrinsic_delaunay
 from ndf_core.extract.subdivision import MAX_VERTICES, Subdivision, TooFineError
+from ndf_core.kernels.delaunay import delaunay_share
 
 
 def extract_mesh(asset: Asset | AssetContent, edge_length: float | None = None, threads: int = 1) -> ExtractedMesh:
@@ -64,11 +67,16 @@ def refine_mesh(
 
 def _extracted(asset: Asset, state: Subdivision, edge_length: float) -> ExtractedMesh:
     """A copy of the state that later refinement does not touch: only the faces are changed in place, by flips."""
+    vertices, faces = asset.to_input(state.mapped), np.copy(state.mesh.corners)
+    start = time.perf_counter()
+    intrinsic = intrinsic_delaunay(vertices, faces)
+    seconds = {"delaunay": time.perf_counter() - start}
     return ExtractedMesh(
-        vertices=asset.to_input(state.mapped),
-        faces=np.copy(state.mesh.corners),
+        vertices=vertices,
+        faces=faces,
         base_faces=state.points.faces,
         barycentric=state.points.barycentric,
+        intrinsic=intrinsic,
         edge_length=float(edge_length),
-        statistics=state.statistics(),
+        statistics=state.statistics(seconds) | {"delaunay": delaunay_share(intrinsic)},
     )

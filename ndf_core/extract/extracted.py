@@ -9,6 +9,8 @@ from typing import Any
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.kernels.delaunay import IntrinsicTriangulation
+
 
 @dataclass(frozen=True)
 class ExtractedMesh:
@@ -24,9 +26,11 @@ class ExtractedMesh:
     """int32: the base face that each vertex lies in."""
     barycentric: Float[Array, "v 3"]
     """float64: its weights there."""
+    intrinsic: IntrinsicTriangulation
+    """The intrinsic Delaunay triangulation of `faces`, to compute on; input units."""
     edge_length: float
     """Input units."""
     statistics: Mapping[str, Any]
-    """JSON-ready: `manifold` and `closed`; `euler_characteristic`; `delaunay`, the share of Delaunay edges of the
-    triangulation that is used for computing, and `delaunay_extrinsic`, that of `faces` (the same so far);
-    `folded_area`, the share of the area in faces that have a neighbour folded over them; `seconds` by stage."""
+    """JSON-ready: `manifold` and `closed`; `euler_characteristic`; `delaunay`, the share of Delaunay edges of
+    `intrinsic`, and `delaunay_extrinsic`, that of `faces`; `folded_area`, the share of the area in faces that have a
+    neighbour folded over them; `seconds` by stage."""

@@ -102,19 +102,19 @@ class Subdivision:
             f"damaged, or its fit diverged"
         )
 
-    def statistics(self) -> dict[str, object]:
-        """Facts about the mesh as it is now, checked from its faces alone."""
+    def statistics(self, others: dict[str, float]) -> dict[str, object]:
+        """Facts about the mesh as it is now, checked from its faces alone; `others`: seconds of more stages."""
         with self._stage("check"):
             check = check_mesh(self.mesh.corners, len(self.mapped))
             shape = measure_mesh(self.mapped, self.mesh.corners, check.twins)
+        seconds = self.seconds | others
         return {
             "manifold": check.manifold,
             "closed": check.closed,
             "euler_characteristic": check.euler_characteristic,
-            "delaunay": shape.delaunay,
             "delaunay_extrinsic": shape.delaunay,
             "folded_area": shape.folded_area,
-            "seconds": {**self.seconds, "total": sum(self.seconds.values())},
+            "seconds": {**seconds, "total": sum(seconds.values())},
         }
 
     def _map(self, faces: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
