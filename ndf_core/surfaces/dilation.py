@@ -149,6 +149,6 @@ def _encloses(points: Float[Array, "n 3"], cell: float) -> bool:
     marked = np.zeros(index.max(axis=0) + 3, dtype=bool)
     for offset in np.ndindex(3, 3, 3):
         marked[tuple((index + offset - 1).T)] = True
-    label = np.asarray(ndimage.label(~marked)[0])  # pyright: ignore[reportGeneralTypeIssues]  # a pair
+    label = np.asarray(ndimage.label(~marked)[0])  # pyright: ignore[reportIndexIssue]  # a pair
     hollow = label.size - int(marked.sum()) - int((label == label[0, 0, 0]).sum())
     return hollow > _HOLLOW * int(marked.sum())
