@@ -47,7 +47,7 @@ def foot_points(
     best = FootPoints(query.clone(), rows.gradients.clone(), torch.full_like(rows.values, torch.inf))
     walk = _Walk(query, best, size, corrections)
     for _ in range(most_steps):
-        landed = rows.landed(size)
+        landed = rows.landed(size, field.rounding)
         jump, offset = walk.next(rows, index, landed)
         going = ~(landed & ~jump) & ~rows.lost()
         if not bool(going.all()):

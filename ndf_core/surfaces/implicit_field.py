@@ -26,6 +26,8 @@ class ImplicitField(ABC):
     """|phi(x)| <= lipschitz * (distance of x to the surface), for x in `bounds`."""
     block: int = 65_536
     """Most points per evaluation."""
+    rounding: float = 1e-10
+    """|phi| / |grad phi| that rounding leaves at the surface, as a share of the size; no step gets below it."""
 
     @abstractmethod
     def evaluate(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:

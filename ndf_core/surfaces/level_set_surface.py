@@ -23,6 +23,7 @@ def level_set_surface(
     fingerprint: str,
     training_defaults: Mapping[str, Any],
     notes: tuple[str, ...],
+    by_distance: bool = True,
 ) -> Surface:
     """Assemble a surface.
 
@@ -35,13 +36,15 @@ def level_set_surface(
         fingerprint: of content and options.
         training_defaults: fit options that this representation changes.
         notes: one-line remarks for the user.
+        by_distance: whether the Lipschitz bound helps in finding the surface; where the field is much steeper at its
+            surface than elsewhere, signs find it faster.
     """
     return Surface(
         representation=representation,
         base_mesh=LevelSetExtractor(
             field.on_arrays(),
             np.stack([field.bounds.lower, field.bounds.upper]),
-            lipschitz=field.lipschitz,
+            lipschitz=field.lipschitz if by_distance else None,
             policy=LevelSetPolicy(resolution=resolution, max_resolution=2 * resolution),
         ),
         projector=LevelSetProjector(field, corrections),

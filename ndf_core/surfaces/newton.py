@@ -16,10 +16,9 @@ from torch import Tensor
 
 from ndf_core.surfaces.implicit_field import ImplicitField
 
-GOAL = 1e-10
-"""Rows go on until |phi| / |grad phi| is below this share of the size, or stands still."""
 TOLERANCE = 1e-6
-"""They count as landed below this: what a field computed in single precision can reach."""
+"""Rows count as landed when |phi| / |grad phi| is below this share of the size, which fields in single precision can
+reach. They go on until it is below the field's own rounding, or stands still."""
 _SMALLEST_DAMPING = 2.0**-5
 _FLAT = 1e-7
 """Gradients below this share of the Lipschitz bound give no direction (centres, axes)."""
@@ -64,9 +63,9 @@ class Rows:
         errors = self.values.abs() / self.gradients.square().sum(dim=1).sqrt()
         return torch.where(errors.isfinite(), errors, torch.inf)
 
-    def landed(self, size: float) -> Bool[Tensor, " m"]:
+    def landed(self, size: float, rounding: float) -> Bool[Tensor, " m"]:
         """Rows that no step would bring nearer to the zero set."""
-        return self.errors <= size * torch.where(self.damping <= _SMALLEST_DAMPING, TOLERANCE, GOAL)
+        return self.errors <= size * torch.where(self.damping <= _SMALLEST_DAMPING, TOLERANCE, rounding)
 
     def lost(self) -> Bool[Tensor, " m"]:
         """Rows that have been stuck too often, or have met values that are not finite."""

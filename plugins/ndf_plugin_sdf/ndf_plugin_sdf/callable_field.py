@@ -9,15 +9,11 @@ from torch import Tensor
 
 from ndf_core.errors import InputError
 from ndf_core.surfaces.box import Box
-from ndf_core.surfaces.foot_points import foot_points
 from ndf_core.surfaces.implicit_field import ImplicitField
-from ndf_core.surfaces.newton import TOLERANCE
+from ndf_plugin_sdf.slope import estimated_lipschitz
 from ndf_plugin_sdf.user_function import UserFunction
 
 _SAMPLES = 8192
-_SAFETY = 1.5
-"""Estimated Lipschitz bounds are the largest value seen times this."""
-_STEPS = 24
 
 
 class CallableField(ImplicitField):
@@ -44,19 +40,7 @@ class CallableField(ImplicitField):
             raise InputError(f"{function.name} is {kind}, its gradient is zero; it must grow away from the surface")
         self.lipschitz = float(slopes.max()) if lipschitz is None else lipschitz
         if lipschitz is None:
-            self.lipschitz = self._estimated(torch.from_numpy(points), values)
-
-    def _estimated(self, points: Float[Tensor, "n 3"], values: Float[Tensor, " n"]) -> float:
-        """Largest |phi| over distance to the surface, as far as the samples show, with a margin.
-
-        The largest gradient would do too, but a function may be steep where it does not matter: in the middle of a
-        ball, say, with a pattern on its angles.
-        """
-        feet = foot_points(self, points, self.bounds.longest_side, 1, _STEPS)
-        distance = (feet.points - points).square().sum(dim=1).sqrt()
-        known = (feet.errors <= TOLERANCE * self.bounds.longest_side) & (distance > 0)
-        ratios = (values.abs() / distance)[known]
-        return float(ratios.max()) * _SAFETY if len(ratios) else self.lipschitz
+            self.lipschitz = estimated_lipschitz(self, torch.from_numpy(points)) or self.lipschitz
 
     def evaluate(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
         return self.function(points)
