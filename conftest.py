@@ -18,6 +18,7 @@ CHECKED = [
     "interfaces",
     "mesh",
     "meshio",
+    "processing",
     "readers",
     "render",
     "surfaces",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -26,7 +26,11 @@ _CHUNK = 1 << 16
 
 
 def write_mesh(
-    path: Path | str, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], colors: Colors = None
+    path: Path | str,
+    vertices: Float[Array, "v 3"],
+    faces: Int[Array, "f 3"],
+    colors: Colors = None,
+    values: Mapping[str, Float[Array, " v"]] | None = None,
 ) -> None:
     """Write a triangle mesh; other processes see the old file or the whole new one.
 
@@ -35,14 +39,15 @@ def write_mesh(
         vertices: Written as they are, in their own units.
         faces: Indices into `vertices`.
         colors: Red, green and blue of each vertex, uint8.
+        values: Further numbers of each vertex by name (of ASCII letters, digits and _), for .ply alone, as float32.
 
     Raises:
-        OutputError: unknown suffix, vertices that are not finite, indices out of range, colours in an .stl, or the
-            file cannot be written.
+        OutputError: unknown suffix, vertices that are not finite, indices out of range, colours in an .stl, values in
+            anything but a .ply, or the file cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in _WRITERS:
+    if suffix not in SUFFIXES:
         raise OutputError(f"cannot write {path}: {suffix or 'no'} suffix; use one of {', '.join(SUFFIXES)}")
     points = np.ascontiguousarray(vertices, dtype=np.float64)
     corners = np.ascontiguousarray(faces, dtype=np.int32)
@@ -52,8 +57,13 @@ def write_mesh(
         raise OutputError(f"cannot write {path}: the mesh has a face that names a vertex that does not exist")
     if colors is not None and (colors.shape != points.shape or colors.dtype != np.uint8):
         raise OutputError(f"cannot write {path}: the colours are not one row of three uint8 for each vertex")
+    if values and suffix != ".ply":
+        raise OutputError(f"cannot write {path}: only a .ply holds values of vertices")
     with atomic_write(path) as file:
-        _WRITERS[suffix](file, points, corners, colors)
+        if suffix == ".ply":
+            _write_ply(file, points, corners, colors, values or {})
+        else:
+            _WRITERS[suffix](file, points, corners, colors)
 
 
 def _single_precision_does(points: Float[Array, "v 3"]) -> bool:
@@ -66,7 +76,13 @@ def _single_precision_does(points: Float[Array, "v 3"]) -> bool:
     return bool(moved <= 1e-6 * side)
 
 
-def _write_ply(file: BinaryIO, points: Float[Array, "v 3"], corners: Int[Array, "f 3"], colors: Colors) -> None:
+def _write_ply(
+    file: BinaryIO,
+    points: Float[Array, "v 3"],
+    corners: Int[Array, "f 3"],
+    colors: Colors,
+    values: Mapping[str, Float[Array, " v"]],
+) -> None:
     single = _single_precision_does(points)
     fields: list[Any] = [("position", "<f4" if single else "<f8", 3)]
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
@@ -74,11 +90,15 @@ def _write_ply(file: BinaryIO, points: Float[Array, "v 3"], corners: Int[Array, 
     if colors is not None:
         fields.append(("color", "u1", 3))
         lines += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    fields += [(f"value {name}", "<f4") for name in values]
+    lines += [f"property float {name}" for name in values]
     lines += [f"element face {len(corners)}", "property list uchar int vertex_indices", "end_header", ""]
     vertex = np.empty(len(points), fields)
     vertex["position"] = points
     if colors is not None:
         vertex["color"] = colors
+    for name, numbers in values.items():
+        vertex[f"value {name}"] = numbers
     face = np.empty(len(corners), [("count", "u1"), ("corners", "<i4", 3)])
     face["count"], face["corners"] = 3, corners
     file.write("\n".join(lines).encode("ascii"))
@@ -184,10 +204,9 @@ def _buffer_views(blobs: list[bytes]) -> Iterator[dict[str, int]]:
 
 
 _WRITERS: dict[str, Callable[[BinaryIO, Array, Array, Colors], None]] = {
-    ".ply": _write_ply,
     ".obj": _write_obj,
     ".stl": _write_stl,
     ".glb": _write_glb,
     ".off": _write_off,
 }
-SUFFIXES = tuple(_WRITERS)
+SUFFIXES = (".ply", *_WRITERS)

@@ -117,3 +117,17 @@ def test_a_folder_in_its_place(tmp_path: Path) -> None:
     (tmp_path / "m.ply").mkdir()
     with pytest.raises(OutputError, match="folder"):
         write_mesh(tmp_path / "m.ply", *SPHERE)
+
+
+def test_values_of_vertices(tmp_path: Path) -> None:
+    vertices, faces = icosphere(1)
+    values = {"distance": vertices[:, 2] + 1, "color": np.where(vertices[:, 0] > 0, np.inf, 0.5)}
+    colors = np.full(vertices.shape, 77, np.uint8)
+    write_mesh(tmp_path / "m.ply", vertices, faces, colors, values)
+    again = trimesh.load(tmp_path / "m.ply", process=False)
+    stored = again.metadata["_ply_raw"]["vertex"]["data"]
+    for name, numbers in values.items():
+        np.testing.assert_array_equal(np.ravel(stored[name]), numbers.astype(np.float32))
+    np.testing.assert_allclose(again.vertices, vertices, atol=1e-6)
+    with pytest.raises(OutputError, match=r"only a \.ply holds values"):
+        write_mesh(tmp_path / "m.obj", vertices, faces, None, values)

@@ -1,0 +1,53 @@
+"""Exact distances on the triangles: Mitchell, Mount and Papadimitriou's algorithm (pygeodesic)."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray as Array
+
+from ndf_core.processing.insertion import insert_points
+from ndf_core.processing.operators import Operators
+from ndf_core.processing.surface_points import SurfacePoints
+
+
+def exact_distances(operators: Operators, sources: SurfacePoints) -> tuple[Float[Array, " v"], int]:
+    """Distance of each vertex to the nearest of the sources along the surface; infinity where none is connected.
+
+    Sources are where they are: the face or edge around one is split, which leaves the surface and its distances as
+    they are. Time grows like v^1.5 or so: 10,000 vertices take 0.3 s, 86,000 take 18 s.
+
+    Returns:
+        The distances, and how many of them the algorithm missed. pygeodesic's reports some rare vertices as
+        unreachable; they get the shortest detour over a neighbour, too long by less than an edge.
+
+    Reference: Mitchell, Mount, Papadimitriou 1987; Surazhsky et al. 2005.
+    """
+    from pygeodesic.geodesic import PyGeodesicAlgorithmExact
+
+    vertices, faces, inserted = insert_points(operators.vertices, operators.faces, sources)
+    found, _ = PyGeodesicAlgorithmExact(vertices, faces).geodesicDistances(np.unique(inserted), None)
+    distances = np.array(found, dtype=np.float64)
+    reached = np.zeros(int(operators.components.max()) + 1, dtype=bool)
+    reached[operators.components[operators.faces[sources.faces, 0]]] = True
+    connected = np.ones(len(vertices), dtype=bool)
+    connected[: len(operators.vertices)] = reached[operators.components]
+    missed = connected & ~np.isfinite(distances)
+    _detour(vertices, faces, distances, missed)
+    return distances[: len(operators.vertices)], int(missed.sum())
+
+
+def _detour(
+    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], distances: Float[Array, " v"], missed: Bool[Array, " v"]
+) -> None:
+    """Set the missed distances, in place, to the shortest way over a neighbour, until nothing changes."""
+    start = np.concatenate([faces.ravel(), faces[:, [1, 2, 0]].ravel()])
+    end = np.concatenate([faces[:, [1, 2, 0]].ravel(), faces.ravel()])
+    wanted = missed[end]
+    start, end = start[wanted], end[wanted]
+    length = np.linalg.norm(vertices[start] - vertices[end], axis=1)
+    while len(start):
+        before = distances.copy()
+        np.minimum.at(distances, end, distances[start] + length)
+        if np.array_equal(before, distances):
+            return

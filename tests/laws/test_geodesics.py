@@ -1,0 +1,196 @@
+"""Distances along surfaces: closed forms, metric laws, and independent implementations."""
+
+from __future__ import annotations
+
+import numpy as np
+import potpourri3d as pp3d
+import pytest
+from flat_surfaces import FlatTorus, pillow, pillow_distances, rough_sphere
+from jaxtyping import Float
+from numpy import ndarray as Array
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial.transform import Rotation
+from small_assets import icosphere, open_grid, torus
+
+from ndf_core.errors import InputError
+from ndf_core.processing.exact_geodesics import _detour, exact_distances
+from ndf_core.processing.geodesics import geodesic_distances
+from ndf_core.processing.heat_method import heat_distances
+from ndf_core.processing.insertion import insert_points
+from ndf_core.processing.operators import Operators
+from ndf_core.processing.surface_points import SurfacePoints
+
+POINT = np.array([[0.3, 0.4, np.sqrt(0.75)]])
+
+
+def mean_error(found: Float[Array, " v"], true: Float[Array, " v"]) -> float:
+    return float(np.abs(found - true).sum() / true.sum())
+
+
+def at_vertices(operators: Operators, *vertices: int) -> SurfacePoints:
+    faces = [int(np.flatnonzero((operators.faces == vertex).any(axis=1))[0]) for vertex in vertices]
+    weights = (operators.faces[faces] == np.array(vertices)[:, None]).astype(np.float64)
+    return SurfacePoints(np.array(faces), weights, operators.vertices[list(vertices)], np.zeros(len(vertices)))
+
+
+@pytest.mark.parametrize(("method", "ratio"), [("exact", 4**1.9), ("heat", 1.5)])
+def test_distances_on_the_sphere_converge(method, ratio: float) -> None:
+    """The exact method's with the square of the edge length, the heat method's slowly."""
+    errors = []
+    for subdivisions in (2, 4):
+        operators = Operators(*icosphere(subdivisions))
+        found = geodesic_distances(operators, POINT, method).distances
+        errors.append(mean_error(found, np.arccos(np.clip(operators.vertices @ POINT[0], -1, 1))))
+    assert errors[1] < 5e-3
+    assert errors[0] / errors[1] > ratio
+
+
+def test_exact_distances_on_the_pillow_are_exact() -> None:
+    """Flat but for its corners, so that the triangles' own distances are known; from a point inside a face."""
+    operators = Operators(*pillow(8))
+    source = np.array([[0.31, 0.64, 0.0]])
+    found = operators.closest(source)
+    front = found._replace(faces=found.faces % (len(operators.faces) // 2))  # the back is at the same place
+    distances, missed = exact_distances(operators, front)
+    np.testing.assert_allclose(distances, pillow_distances(operators.vertices, 8, source[0, :2]), atol=1e-12)
+    assert missed == 0
+
+
+def test_heat_distances_on_the_flat_torus_converge() -> None:
+    errors = []
+    for side in (16, 64):
+        torus_ = FlatTorus(side)
+        errors.append(mean_error(heat_distances(torus_, at_vertices(torus_, 5)), torus_.distances(5)))
+    assert errors[1] < 0.02
+    assert errors[1] < errors[0] / 1.8
+
+
+def test_heat_is_near_exact_on_curved_shapes() -> None:
+    """Worst on the torus, where distances have long ridges: smoothing fills them."""
+    for mesh, limit in ((torus(96, 48), 0.04), (icosphere(3), 0.02), (rough_sphere(2000), 0.02)):
+        operators = Operators(*mesh)
+        exact = geodesic_distances(operators, POINT, "exact").distances
+        assert mean_error(geodesic_distances(operators, POINT, "heat").distances, exact) < limit
+
+
+@pytest.mark.parametrize("sources", [[7], [7, 40, 500]])
+def test_heat_equals_potpourri3d(sources: list[int]) -> None:
+    """The same method by other code, up to its constant: potpourri3d sets the least value to zero."""
+    vertices, faces = rough_sphere(1000)
+    theirs = pp3d.MeshHeatMethodDistanceSolver(vertices, faces, use_robust=True).compute_distance_multisource(sources)
+    operators = Operators(vertices, faces)
+    ours = heat_distances(operators, at_vertices(operators, *sources))
+    difference = (ours - theirs)[ours > 0.05]
+    assert np.ptp(difference) < 1e-3 * theirs.max()
+    assert np.abs(difference).max() < 0.02 * theirs.max()
+
+
+def test_exact_distances_are_a_metric_below_paths_along_edges() -> None:
+    vertices, faces = rough_sphere(120, seed=3)
+    operators = Operators(vertices, faces)
+    chosen = [0, 17, 55, 90]
+    rows = np.stack([exact_distances(operators, at_vertices(operators, vertex))[0] for vertex in chosen])
+    between = rows[:, chosen]
+    np.testing.assert_allclose(between, between.T, atol=1e-12)
+    assert (rows <= between[:, :, None] + rows[None] + 1e-12).all(), "triangle inequality, every vertex"
+    start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    edge = np.linalg.norm(vertices[start] - vertices[end], axis=1)
+    graph = coo_array((edge, (start, end)), shape=(len(vertices),) * 2)
+    along_edges = dijkstra(graph, indices=chosen)
+    assert (rows <= along_edges + 1e-12).all()
+    assert (rows >= np.linalg.norm(vertices[chosen][:, None] - vertices, axis=2) - 1e-12).all()
+    assert (rows < along_edges - 1e-3).mean() > 0.5
+
+
+@pytest.mark.parametrize("method", ["exact", "heat"])
+def test_rigid_motion_and_scale(method) -> None:
+    vertices, faces = rough_sphere(200)
+    turn = Rotation.from_euler("xyz", [1.0, 2.0, 3.0]).as_matrix()
+    one = geodesic_distances(Operators(vertices, faces), POINT, method).distances
+    moved = Operators(1e3 * vertices @ turn.T + [5.0, 6.0, 7.0], faces)
+    two = geodesic_distances(moved, 1e3 * POINT @ turn.T + [5.0, 6.0, 7.0], method).distances
+    np.testing.assert_allclose(two, 1e3 * one, atol=1e-6)
+
+
+@pytest.mark.parametrize(("method", "tolerance"), [("exact", 1e-12), ("heat", 0.15)])
+def test_several_sources_give_the_nearest(method, tolerance: float) -> None:
+    operators = Operators(*icosphere(3))
+    points = np.concatenate([POINT, [[-1.0, 0.0, 0.0]]])
+    together = geodesic_distances(operators, points, method)
+    single = [geodesic_distances(operators, points[i : i + 1], method).distances for i in (0, 1)]
+    np.testing.assert_allclose(together.distances, np.minimum(*single), atol=tolerance)
+    assert together.unreached_components == 0
+    assert together.distances.min() < 0.05
+
+
+@pytest.mark.parametrize("method", ["exact", "heat"])
+def test_components_without_a_source_are_infinitely_far(method) -> None:
+    vertices, faces = icosphere(2)
+    count = len(vertices)
+    operators = Operators(
+        np.concatenate([vertices, vertices + 4, vertices - 4]),
+        np.concatenate([faces, faces + count, faces + 2 * count]),
+    )
+    found = geodesic_distances(operators, np.array([[0.0, 0.0, 2.0]]), method)
+    assert np.isfinite(found.distances[:count]).all()
+    assert np.isinf(found.distances[count:]).all()
+    assert found.unreached_components == 2
+    assert found.approximated == 0
+    assert found.sources.offsets[0] == pytest.approx(1.0)
+    both = geodesic_distances(operators, np.array([[0.0, 0.0, 2.0], [4.0, 4.0, 6.0]]), method)
+    np.testing.assert_allclose(both.distances[count : 2 * count], both.distances[:count], atol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["exact", "heat"])
+def test_a_border_is_no_obstacle(method) -> None:
+    vertices, faces = open_grid(6)
+    found = geodesic_distances(Operators(vertices * [1, 1, 0], faces), np.zeros((1, 3)), method).distances
+    straight = np.linalg.norm(vertices[:, :2], axis=1)
+    assert (found >= straight - (1e-12 if method == "exact" else 0.15)).all()
+    assert found[np.argmax(straight)] > straight.max(), "around the hole"
+
+
+def test_inserted_points_leave_the_surface_as_it_is() -> None:
+    vertices, faces = icosphere(1)
+    operators = Operators(vertices, faces)
+    a, b, c = vertices[faces[3]]
+    wanted = [
+        (a + b + c) / 3,
+        0.2 * a + 0.3 * b + 0.5 * c,
+        0.5 * (a + b),
+        0.25 * (a + b) + 0.5 * c,
+        b,
+        0.7 * a + 0.3 * b,
+    ]
+    points = operators.closest(np.array(wanted))
+    new_vertices, new_faces, made = insert_points(vertices, faces, points)
+    np.testing.assert_allclose(new_vertices[made], wanted, atol=1e-12)
+    assert made[4] == faces[3, 1]
+    assert len(new_vertices) == len(vertices) + 5
+    split = Operators(new_vertices, new_faces)
+    assert split.area == pytest.approx(operators.area, rel=1e-12)
+    np.testing.assert_allclose(split.closest(new_vertices).offsets, 0, atol=1e-12)
+    assert len(new_faces) - len(faces) == 2 * 5, "closed as before"
+    _ = split.triangulation
+
+
+def test_missed_vertices_get_the_way_over_a_neighbour() -> None:
+    vertices, faces = icosphere(1)
+    true = np.arccos(np.clip(vertices @ vertices[0], -1, 1))
+    missed = np.zeros(len(vertices), dtype=bool)
+    missed[[5, 20]] = True
+    distances = np.where(missed, np.inf, true)
+    _detour(vertices, faces, distances, missed)
+    edge = np.linalg.norm(vertices[faces] - np.roll(vertices[faces], 1, axis=1), axis=2).max()
+    assert (distances[missed] >= true[missed] - 0.05).all()
+    assert (distances[missed] <= true[missed] + 2 * edge).all()
+    np.testing.assert_array_equal(distances[~missed], true[~missed])
+
+
+@pytest.mark.parametrize(
+    ("points", "message"), [(np.zeros((0, 3)), "at least one source"), (np.full((1, 3), np.nan), "not finite")]
+)
+def test_sources_that_are_none_are_refused(points: Array, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        geodesic_distances(Operators(*icosphere(1)), points)
