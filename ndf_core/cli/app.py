@@ -10,6 +10,8 @@ import click
 COMMANDS = {
     "fit": "Fit a surface that is not a mesh and write the asset.",
     "extract": "Extract a triangle mesh from an asset.",
+    "geodesics": "Distances along a surface from given points.",
+    "spectrum": "Lowest eigenvalues and eigenfunctions of a surface.",
     "info": "Show what an asset holds.",
     "plugins": "List the installed representations, or check them.",
 }

@@ -15,7 +15,7 @@ from ndf_core.cli.result import Interrupted, Result, as_json
 from ndf_core.errors import NdfError
 
 INTERNAL, USAGE, BAD, INTERRUPTED = 1, 2, 3, 130
-FIT_PACKAGES = ("torch", "scipy", "igl", "rich", "safetensors")
+OPTIONAL_PACKAGES = ("torch", "scipy", "igl", "rich", "safetensors", "cholespy", "pygeodesic", "potpourri3d")
 """What the light client lacks."""
 
 
@@ -40,13 +40,13 @@ def _answer(arguments: list[str]) -> tuple[Result | None, str | None, int]:
     except Exception as error:
         if "--debug" in arguments and not isinstance(error, click.Abort):
             traceback.print_exc()
-        return None, *_explain(error)
+        return None, *_explain(error, "fit" if "fit" in arguments else "processing")
     except KeyboardInterrupt:
         return None, "interrupted", INTERRUPTED
     return (answer, None, 0) if isinstance(answer, Result) else (None, None, int(answer or 0))
 
 
-def _explain(error: Exception) -> tuple[str, int]:
+def _explain(error: Exception, extra: str) -> tuple[str, int]:
     match error:
         case NdfError():
             return str(error), error.exit_code
@@ -54,8 +54,8 @@ def _explain(error: Exception) -> tuple[str, int]:
             return str(error), INTERRUPTED
         case click.Abort():  # click's name for KeyboardInterrupt
             return "interrupted", INTERRUPTED
-        case ModuleNotFoundError() if error.name in FIT_PACKAGES:
-            return f"this needs {error.name}, which is not installed: pip install 'ndf-core[fit]'", BAD
+        case ModuleNotFoundError() if (error.name or "").partition(".")[0] in OPTIONAL_PACKAGES:
+            return f"this needs {error.name}, which is not installed: pip install 'ndf-core[{extra}]'", BAD
         case MemoryError():
             return "out of memory: ask for fewer faces, or a longer edge length", BAD
         case OSError():

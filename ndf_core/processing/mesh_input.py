@@ -18,6 +18,9 @@ from ndf_core.readers.mesh_file import read_mesh_file
 from ndf_core.surfaces.edges import Edges, orient
 from ndf_core.surfaces.welding import weld
 
+_ROUNDING = 1e-6
+"""Of coordinates in single precision, as a share of the longest side."""
+
 
 @dataclass(frozen=True)
 class InputMesh:
@@ -76,12 +79,9 @@ def manifold_mesh(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], origi
     notes = () if proper.all() else (f"{int((~proper).sum()):,} degenerate triangles dropped",)
     if not len(faces):
         raise InputError(f"{origin}: all its triangles are degenerate: no three different corners")
+    vertices, faces, merged = _joined(vertices, faces)
+    notes = (*notes, *merged)
     edges = Edges.of(faces, len(vertices))
-    if (edges.uses != 2).any():
-        merged = weld(vertices, faces, 0.0)
-        welded = Edges.of(merged[1], len(merged[0]))
-        if (welded.uses <= 2).all() or (edges.uses > 2).any():
-            vertices, faces, edges, notes = merged[0], merged[1], welded, (*notes, *merged[2])
     crowded = edges.uses > 2
     if crowded.any():
         place = ", ".join(f"{x:.6g}" for x in vertices[edges.ends[crowded.argmax()]].mean(axis=0))
@@ -97,6 +97,25 @@ def manifold_mesh(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], origi
     if inner.all() and signed_volume(vertices, faces) < 0:
         faces, notes = faces[:, ::-1], (*notes, "the mesh was inside out; all triangles turned over")
     return InputMesh(*_used(vertices, faces), notes=notes)
+
+
+def _joined(
+    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]
+) -> tuple[Float[Array, "w 3"], Int[Array, "g 3"], list[str]]:
+    """Merge equal vertices, and those within the rounding of single precision where that closes the mesh."""
+    best = vertices, faces, list[str]()
+    uses = Edges.of(faces, len(vertices)).uses
+    if (uses == 2).all():
+        return best
+    size = float(np.ptp(vertices, axis=0).max())
+    for tolerance in (0.0, _ROUNDING * size):
+        merged = weld(vertices, faces, tolerance)
+        after = Edges.of(merged[1], len(merged[0])).uses
+        if (after == 2).all():
+            return merged
+        if tolerance == 0 and ((after <= 2).all() or (uses > 2).any()):
+            best = merged
+    return best
 
 
 def _used(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> tuple[Float[Array, "w 3"], Int[Array, "f 3"]]:
