@@ -64,7 +64,7 @@ class TriangleBVH:
         def run(part: slice) -> None:
             _bvh.closest(self._tree, points[part], found[part], faces[part], weights[part])
 
-        _share(run, count, threads)
+        share_rows(run, count, threads)
         return found, faces, weights
 
     def first_hit(
@@ -93,7 +93,7 @@ class TriangleBVH:
 
         if len(origins) != len(directions):
             raise ValueError(f"directions: need {len(origins)} rows like the origins, got {len(directions)}")
-        _share(run, len(origins), threads)
+        share_rows(run, len(origins), threads)
         return t, faces
 
     def self_intersections(self, limit: int | None = None) -> Int[Array, "k 2"]:
@@ -126,7 +126,7 @@ def _rows(values: Float[Array, "n 3"], name: str) -> Float[Array, "n 3"]:
     return rows
 
 
-def _share(run: Callable[[slice], None], count: int, threads: int) -> None:
+def share_rows(run: Callable[[slice], None], count: int, threads: int) -> None:
     """Call `run` on consecutive slices of the rows, one per thread; the kernels release the GIL."""
     if threads < 1:
         raise ValueError(f"threads: need at least 1, got {threads}")
