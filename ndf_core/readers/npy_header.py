@@ -8,6 +8,7 @@ import re
 import zipfile
 import zlib
 from dataclasses import dataclass
+from io import BufferedIOBase
 from pathlib import Path
 from typing import IO, Any
 
@@ -39,7 +40,7 @@ class NpyHeader:
         return self.count * int(self.dtype[-1])
 
 
-def read_npy_header(file: IO[bytes]) -> NpyHeader:
+def read_npy_header(file: IO[bytes] | BufferedIOBase) -> NpyHeader:
     """Read the header at the file's position; what follows it is the array.
 
     Raises:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from io import BufferedIOBase
 from pathlib import Path
 from typing import IO
 
@@ -51,7 +52,7 @@ def read_npz(path: Path, most_bytes: int) -> dict[str, Array]:
         raise InputError(f"{path}: {error}") from error
 
 
-def _read(file: IO[bytes], origin: str, most_bytes: int, there: int) -> Array:
+def _read(file: IO[bytes] | BufferedIOBase, origin: str, most_bytes: int, there: int) -> Array:
     """One array; at most about `there` bytes of it are in the file."""
     try:
         header = read_npy_header(file)
