@@ -24,11 +24,10 @@ def heat_distances(operators: Operators, sources: SurfacePoints) -> Float[Array,
     np.add.at(spots, corners, sources.barycentric)
     heat = operators.heat.solve(spots)
     slope = (operators.gradient @ heat).reshape(-1, 2)
-    steepness = np.linalg.norm(slope, axis=1, keepdims=True)
+    steepness = np.hypot(slope[:, 0], slope[:, 1])
     # Where the heat is flat or has underflowed there is no direction; no flux is the least harmful guess.
-    direction = np.divide(-slope, steepness, out=np.zeros_like(slope), where=steepness > 0)
-    flux = (direction * operators.areas[:, None]).ravel()
-    distances = operators.poisson.solve(operators.gradient.T @ flux)
+    weight = np.divide(-operators.areas, steepness, out=np.zeros_like(steepness), where=steepness > 0)
+    distances = operators.poisson.solve(operators.gradient.T @ (slope * weight[:, None]).ravel())
     return _from_zero(operators, sources, distances)
 
 
