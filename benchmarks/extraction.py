@@ -96,7 +96,8 @@ def on_surface(entry: dict[str, Any], meshed: Meshed, shape: Shape, reference: R
     }
 
 
-def run(shape: Shape, results: Path) -> dict[str, Any]:
+def run(shape: Shape, results: Path, kept: list[dict[str, Any]]) -> dict[str, Any]:
+    """Everything, or the asset's meshes beside `kept` runs of the alternatives."""
     reference = reference_of(shape)
     print(f"{shape.name}: reference {reference.facts}", flush=True)
     entries: list[dict[str, Any]] = []
@@ -111,13 +112,14 @@ def run(shape: Shape, results: Path) -> dict[str, Any]:
             break
         entry = measure(meshed, reference, Operators)
         add(entry | {"vertices_on_surface": on_surface(entry, meshed, shape, reference)})
-    for meshed in plain(shape):
+    entries += kept
+    for meshed in [] if kept else plain(shape):
         if len(meshed.faces) > MOST_FACES_SPECTRUM:
             break
         entry = measure(meshed, reference, AsMeshed)
         add(entry)
         add(with_delaunay(entry, meshed, reference))
-    for name in ("Botsch-Kobbelt", "PyMeshLab"):
+    for name in () if kept else ("Botsch-Kobbelt", "PyMeshLab"):
         for meshed in remeshed(shape, name):
             try:
                 add(measure(meshed, reference, Operators))
@@ -141,6 +143,7 @@ def main() -> None:
     parser.add_argument("--faces", type=int, default=8000, help="of the base mesh")
     parser.add_argument("--shapes", nargs="+", default=list(SHAPES), choices=list(SHAPES))
     parser.add_argument("--data", type=Path, default=HERE.parent.parent / "shared" / "data")
+    parser.add_argument("--only-ours", action="store_true", help="keep the alternatives' last runs")
     parser.add_argument("--summary-only", action="store_true", help="from the results that are there")
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args()
@@ -157,7 +160,9 @@ def main() -> None:
         if asset is None:
             raise SystemExit(f"no asset {name}_{options.faces}.ndf: fit it first, and name its folder with --assets")
         start = time.perf_counter()
-        found.append(run(open_shape(options.data / SHAPES[name], asset), path))
+        kept = json.loads(path.read_text())["runs"] if options.only_ours else []
+        others = [entry for entry in kept if entry["method"] != "ours"]
+        found.append(run(open_shape(options.data / SHAPES[name], asset), path, others))
         print(f"{name}: {time.perf_counter() - start:.0f} s", flush=True)
     for result in found:
         draw(result, options.results / f"extraction_{result['shape']}.png")

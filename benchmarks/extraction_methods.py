@@ -14,11 +14,10 @@ from ndf_core.base_mesh.marching_cubes import marching_cubes
 from ndf_core.base_mesh.narrow_band import sample_near_level_set
 
 OUR_LENGTHS = (0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.02, 0.014, 0.01)
-GRID_SIZES = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02, 0.015, 0.01)
-REMESHED = (0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025)
-"""Edge lengths asked of the remeshers."""
-FINER = (1.0, 2.0)
-"""Cells of marching cubes per edge length of the remesher: it samples the finer mesh, which costs queries."""
+GRID_SIZES = (0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02, 0.015)
+REMESHED = ((0.14, 2), (0.1, 2), (0.07, 2), (0.05, 2), (0.035, 2), (0.2, 4), (0.14, 4), (0.1, 4), (0.07, 4))
+"""Edge lengths asked of the remeshers, and cells of marching cubes to each edge. One cell to an edge is worse than no
+remeshing at all: the vertices slide on a surface that is as coarse as they are."""
 ITERATIONS = 5
 
 
@@ -69,12 +68,12 @@ def plain(shape: Shape) -> Iterator[Meshed]:
 def remeshed(shape: Shape, name: str) -> Iterator[Meshed]:
     """Marching cubes, then isotropic remeshing by gpytoolbox or PyMeshLab."""
     remesh = {"Botsch-Kobbelt": _botsch, "PyMeshLab": _pymeshlab}[name]
-    for length in REMESHED:
-        for finer in FINER:
-            (vertices, faces), first = marching(shape, length / finer)
-            (points, corners), second = timed(lambda v=vertices, f=faces, length=length: remesh(v, f, length))
-            label = f"marching cubes + {name}" + ("" if finer == 1 else f", cells 1/{finer:g}")
-            yield Meshed(label, length, *largest_component(points, corners), first + second)
+    for length, finer in REMESHED:
+        (vertices, faces), first = marching(shape, length / finer)
+        (points, corners), second = timed(lambda v=vertices, f=faces, length=length: remesh(v, f, length))
+        yield Meshed(
+            f"marching cubes 1/{finer} + {name}", length, *largest_component(points, corners), first + second
+        )
 
 
 def _botsch(vertices: np.ndarray, faces: np.ndarray, length: float) -> Mesh:
