@@ -25,7 +25,12 @@ class FootPoints(NamedTuple):
 
 
 def foot_points(
-    field: ImplicitField, query: Float[Tensor, "n 3"], size: float, corrections: int, most_steps: int
+    field: ImplicitField,
+    query: Float[Tensor, "n 3"],
+    size: float,
+    corrections: int,
+    most_steps: int,
+    start: Float[Tensor, "n 3"] | None = None,
 ) -> FootPoints:
     """Points of the zero set near each query, as near as a few corrections make them.
 
@@ -40,10 +45,11 @@ def foot_points(
         size: longest side of the surface, which tolerances are shares of.
         corrections: most landings after the first.
         most_steps: most evaluations per row.
+        start: where the rows set out, if not at the query.
 
     Reference: E. Hartmann, On the curvature of curves and surfaces defined by normalforms, 1999.
     """
-    rows, index = Rows.at(field, query), torch.arange(len(query), device=query.device)
+    rows, index = Rows.at(field, query if start is None else start), torch.arange(len(query), device=query.device)
     best = FootPoints(query.clone(), rows.gradients.clone(), torch.full_like(rows.values, torch.inf))
     walk = _Walk(query, best, size, corrections)
     for _ in range(most_steps):

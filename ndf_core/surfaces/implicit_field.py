@@ -26,6 +26,8 @@ class ImplicitField(ABC):
     """|phi(x)| <= lipschitz * (distance of x to the surface), for x in `bounds`."""
     block: int = 65_536
     """Most points per evaluation."""
+    has_plateaus: bool = False
+    """Whether there are places far from the surface where the gradient says little about it, as in occupancies."""
     rounding: float = 1e-10
     """|phi| / |grad phi| that rounding leaves at the surface, as a share of the size; no step gets below it."""
 

@@ -8,11 +8,14 @@ from torch import Tensor
 
 from ndf_core.errors import InputError
 from ndf_core.interfaces import Projection, Projector
-from ndf_core.surfaces.foot_points import foot_points
+from ndf_core.surfaces.foot_points import FootPoints, foot_points
 from ndf_core.surfaces.implicit_field import ImplicitField
 from ndf_core.surfaces.newton import TOLERANCE
+from ndf_core.surfaces.sign_search import nearest_sign_change
 
 MOST_STEPS = 12
+_FAR = 1.0 / 64.0
+"""Landings farther away than this share of the size are doubted where the field has plateaus."""
 
 
 class LevelSetProjector(Projector):
@@ -38,7 +41,7 @@ class LevelSetProjector(Projector):
         finite = query.isfinite().all(dim=1)
         if not bool(finite.all()):
             raise InputError(f"cannot project query point {int((~finite).nonzero()[0])}: a coordinate is not finite")
-        feet = foot_points(self._field, query, self._size, self._corrections, MOST_STEPS)
+        feet = self._feet(query)
         lower, upper = (query.new_tensor(end) for end in (self._field.bounds.lower, self._field.bounds.upper))
         inside = ((feet.points >= lower) & (feet.points <= upper)).all(dim=1)
         converged = inside & (feet.errors <= TOLERANCE * self._size)
@@ -46,3 +49,20 @@ class LevelSetProjector(Projector):
         normals = torch.nan_to_num(feet.gradients / feet.gradients.square().sum(dim=1, keepdim=True).sqrt())
         found = torch.where(sound, feet.points, query)
         return Projection(found.to(points.dtype), converged, normals.to(points.dtype))
+
+    def _feet(self, query: Float[Tensor, "n 3"]) -> FootPoints:
+        """Newton's landings; rows that it lost, or led away over a plateau, set out again from a change of sign."""
+        feet = foot_points(self._field, query, self._size, self._corrections, MOST_STEPS)
+        moved = (feet.points - query).square().sum(dim=1).sqrt()
+        landed = feet.errors <= TOLERANCE * self._size
+        doubtful = (~landed | (moved > _FAR * self._size)).nonzero()[:, 0]
+        if not len(doubtful) or not self._field.has_plateaus:
+            return feet
+        start, found = nearest_sign_change(self._field, query[doubtful], self._size)
+        rows = doubtful[found]
+        again = foot_points(self._field, query[rows], self._size, self._corrections, MOST_STEPS, start[found])
+        distance = (again.points - query[rows]).square().sum(dim=1).sqrt()
+        better = (again.errors <= TOLERANCE * self._size) & (~landed[rows] | (distance < moved[rows]))
+        for whole, part in zip(feet, again, strict=True):
+            whole[rows[better]] = part[better]
+        return feet

@@ -23,7 +23,6 @@ def level_set_surface(
     fingerprint: str,
     training_defaults: Mapping[str, Any],
     notes: tuple[str, ...],
-    by_distance: bool = True,
 ) -> Surface:
     """Assemble a surface.
 
@@ -36,15 +35,14 @@ def level_set_surface(
         fingerprint: of content and options.
         training_defaults: fit options that this representation changes.
         notes: one-line remarks for the user.
-        by_distance: whether the Lipschitz bound helps in finding the surface; where the field is much steeper at its
-            surface than elsewhere, signs find it faster.
     """
     return Surface(
         representation=representation,
         base_mesh=LevelSetExtractor(
             field.on_arrays(),
             np.stack([field.bounds.lower, field.bounds.upper]),
-            lipschitz=field.lipschitz if by_distance else None,
+            # On plateaus the bound keeps nearly every cell; signs find the surface faster.
+            lipschitz=None if field.has_plateaus else field.lipschitz,
             policy=LevelSetPolicy(resolution=resolution, max_resolution=2 * resolution),
         ),
         projector=LevelSetProjector(field, corrections),

@@ -22,6 +22,12 @@ reach. They go on until it is below the field's own rounding, or stands still.""
 _SMALLEST_DAMPING = 2.0**-5
 _FLAT = 1e-7
 """Gradients below this share of the Lipschitz bound give no direction (centres, axes)."""
+_LONG, _SHORT = 0.25, 1.0 / 32.0
+"""Longest steps, as shares of the size: anywhere, and where the gradient is flat."""
+_UNEVEN = 0.125
+"""Gradients below this share of the Lipschitz bound are flat: occupancies have plateaus."""
+_SMALLEST_SHARE = 0.1
+"""Least that is left of a step that went too far."""
 _MOST_KICKS = 3
 _KICK = (3.6e-4, 4.8e-4, 8.0e-4)
 """Direction without symmetry, a thousandth of the size long: leaves a centre or an axis."""
@@ -95,7 +101,10 @@ def step(
     damping = torch.where(rows.at_kink, 1.0, rows.damping)
     move = torch.where(rows.at_kink[:, None], _to_both_planes(rows), _newton(rows))
     length = move.square().sum(dim=1).sqrt()
-    move = move * (damping * (0.25 * size / length).clamp_max(1.0))[:, None]
+    # Where the field is much flatter than it is elsewhere, Newton's step leads far beyond the surface.
+    flat = rows.gradients.square().sum(dim=1) < (_UNEVEN * field.lipschitz) ** 2
+    longest = torch.where(flat, _SHORT * size, _LONG * size)
+    move = move * (damping * (longest / length).clamp_max(1.0))[:, None]
     move = torch.where(kicked[:, None], move.new_tensor(_KICK) * size, move)
     trial = rows.points + torch.where(jump[:, None], offset, move)
     values, gradients = field.values_and_gradients(trial)
@@ -106,7 +115,10 @@ def step(
     plane = torch.where(accepted, rows.values, values)
     place = torch.where(accepted[:, None], rows.points, trial)
     hindered = (~accepted | (share > 0.5)) & (_cosine(rows.gradients, gradients) < _KINK)
-    shorter = torch.where(rows.at_kink, rows.damping, 0.5 * rows.damping)
+    # A step that was too long across the surface has enclosed it: then regula falsi says how much of it to take.
+    enclosed = (values < 0) != (rows.values < 0)
+    shortening = torch.where(enclosed, (1.0 / (1.0 + share)).clamp(_SMALLEST_SHARE, 0.5), 0.5)
+    shorter = torch.where(rows.at_kink, rows.damping, shortening * rows.damping)
     grown = torch.where(accepted, (2.0 * rows.damping).clamp_max(1.0), shorter)
     return Rows(
         points=torch.where(accepted[:, None], trial, rows.points),

@@ -21,11 +21,11 @@ from ndf_core.surfaces.implicit_field import ImplicitField
 
 _FEWEST_LINES, _MOST_LINES = 1024, 131_072
 """Lines that are followed together."""
-_SHORTEST_STEP = 1.0 / 1024.0
-"""Share of the size: two crossings of a line that are nearer to each other may both be missed."""
+_SHORTEST_STEP, _PLATEAU_STEP = 1.0 / 1024.0, 1.0 / 256.0
+"""Shares of the size: two crossings of a line that are nearer to each other may both be missed. The second is for
+fields with plateaus, whose Lipschitz bound allows no other step."""
 _MOST_BATCHES = 2000
 _HALVINGS = 60
-_PRECISION = 1e-12
 
 
 class _Segments(NamedTuple):
@@ -91,7 +91,7 @@ def _lines_through(field: ImplicitField, count: int, rng: np.random.Generator) -
 
 def _crossings(field: ImplicitField, lines: _Segments) -> _Segments:
     """Segments whose ends have different signs: walk along each line by what |phi| / L allows, at least a little."""
-    shortest = field.bounds.longest_side * _SHORTEST_STEP
+    shortest = field.bounds.longest_side * (_PLATEAU_STEP if field.has_plateaus else _SHORTEST_STEP)
     position = lines.start
     value = field.values(lines.at(position))
     found: list[_Segments] = []
@@ -113,17 +113,20 @@ def _bisected(field: ImplicitField, segments: _Segments) -> Float[Tensor, "m 3"]
     """The zero on each segment, by regula falsi with Illinois' weights and a bisection every third turn."""
     low, high = segments.start, segments.end
     below, above = field.values(segments.at(low)), field.values(segments.at(high))
-    best, residual = low, below.abs()
+    best, going = 0.5 * (low + high), torch.arange(len(low))
     for turn in range(_HALVINGS):
-        if not bool((residual > _PRECISION * field.lipschitz * field.bounds.longest_side).any()):
+        if not len(going):
             break
         secant = low + (high - low) * (below / (below - above)).clamp(0.0, 1.0)
         middle = secant if turn % 3 < 2 else 0.5 * (low + high)
-        value = field.values(segments.at(middle))
-        better = value.abs() < residual
-        best, residual = torch.where(better, middle, best), torch.where(better, value.abs(), residual)
+        best[going] = middle
+        value = field.values(segments.select(going).at(middle))
+        # How far the zero can be: the value over the slope of the chord, which halved ends make flatter only.
+        error = value.abs() * (high - low) / (below - above).abs()
         same = (value < 0) == (below < 0)
         # Halving the value at the end that stays keeps the secant from creeping.
         above, below = torch.where(same, 0.5 * above, value), torch.where(same, value, 0.5 * below)
         low, high = torch.where(same, middle, low), torch.where(same, high, middle)
+        left = torch.minimum(error, high - low) > field.rounding * field.bounds.longest_side
+        going, low, high, below, above = (part[left] for part in (going, low, high, below, above))
     return segments.at(best)

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from ndf_core.api import RepresentationSpec, Sniff, hookimpl
+from ndf_core.readers.closedness import is_closed
 from ndf_core.readers.detect import SUFFIXES, look
 from ndf_plugin_sdf.defaults import API_VERSION, TRAINING_DEFAULTS
 
@@ -50,10 +51,16 @@ def ndf_representation() -> RepresentationSpec:
 
 
 def sniff(path: Path) -> Sniff | None:
-    """A file with triangles, whatever it is called; nothing where it says that it has none."""
+    """A file with triangles that close up, whatever it is called; nothing where it says that it has none.
+
+    Those that do not are left to `soup`, which asks the same `is_closed`.
+    """
     if not path.is_file():
         return None
     content = look(path)
     if content.format is None:
         return Sniff(0.3, f"only by its suffix, {path.suffix}") if path.suffix.lower() in SUFFIXES else None
-    return Sniff(0.6, f"triangle mesh ({content.format.upper()})") if content.has_faces else None
+    if not content.has_faces:
+        return None
+    kind = f"triangle mesh ({content.format.upper()})"
+    return Sniff(0.3, f"{kind}, not closed") if is_closed(path) is False else Sniff(0.6, kind)

@@ -28,7 +28,7 @@ from ndf_plugin_sdf.slope import estimated_lipschitz, uniform_points
 _DEFAULT_BOUNDS = Box(np.full(3, -1.0), np.full(3, 1.0))
 _SAMPLES = 8192
 _STEEP = 8.0
-"""A field with a larger Lipschitz bound is no distance, and the bound no help in finding its surface."""
+"""A field with a larger Lipschitz bound is no distance but an occupancy, with plateaus."""
 
 
 def open_neural(source: str | Path | object, config: NeuralConfig) -> Surface:
@@ -59,7 +59,6 @@ def open_neural(source: str | Path | object, config: NeuralConfig) -> Surface:
         ),
         training_defaults=TRAINING_DEFAULTS,
         notes=(*notes, *found, *more),
-        by_distance=field.lipschitz <= _STEEP,
     )
 
 
@@ -79,7 +78,9 @@ def _field(network: Mlp, description: NetworkDescription, config: NeuralConfig) 
     field = NetworkField(network, frame, coarse.box_of_inside())
     points = uniform_points(field, _SAMPLES)
     field.lipschitz = estimated_lipschitz(field, points) or np.inf
-    notes.append(f"|phi| is estimated to be at most {field.lipschitz:.3g} times the distance")
+    field.has_plateaus = field.lipschitz > _STEEP
+    kind = ": it is read like an occupancy, by its sign" if field.has_plateaus else ""
+    notes.append(f"|phi| is estimated to be at most {field.lipschitz:.3g} times the distance{kind}")
     return field, notes
 
 
