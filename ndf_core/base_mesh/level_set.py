@@ -56,6 +56,7 @@ class LevelSetExtractor(BaseMeshExtractor):
         *,
         lipschitz: float | None = None,
         distance: ScalarField | None = None,
+        near: Float[Array, "n 3"] | None = None,
         policy: LevelSetPolicy | None = None,
     ) -> None:
         """Hold the field; nothing is evaluated yet.
@@ -67,6 +68,8 @@ class LevelSetExtractor(BaseMeshExtractor):
             lipschitz: ``|field| <= lipschitz * distance to the level set`` everywhere in the bounds (1 for distances
                 and for CSG bounds); None where nothing of the kind holds.
             distance: The absolute value of `field`, where it is much cheaper without the sign (needs `lipschitz`).
+            near: Points that the level set passes within about a cell, on each of its components; finds thin parts
+                that a field without a `lipschitz` bound may hide.
 
         Raises:
             BaseMeshError: the bounds are empty or not finite.
@@ -77,6 +80,7 @@ class LevelSetExtractor(BaseMeshExtractor):
         self._field = field
         self._lipschitz = lipschitz
         self._distance = distance
+        self._near = near
         self._policy = policy if policy is not None else LevelSetPolicy()
 
     def extract(self, max_faces: int, seed: int = 0) -> BaseMesh:
@@ -94,7 +98,9 @@ class LevelSetExtractor(BaseMeshExtractor):
         policy = self._policy
         resolution = policy.resolution
         while True:
-            band = sample_near_level_set(self._field, self._bounds, resolution, self._lipschitz, self._distance)
+            band = sample_near_level_set(
+                self._field, self._bounds, resolution, self._lipschitz, self._distance, self._near
+            )
             fine, half = self._mesh(band, 1), self._mesh(band, 2)
             settled = fine.same_topology(half)
             if settled or 2 * resolution > policy.max_resolution:

@@ -53,18 +53,22 @@ def sample_near_level_set(
     resolution: int,
     lipschitz: float | None,
     distance: ScalarField | None = None,
+    near: Float[Array, "n 3"] | None = None,
 ) -> Band:
     """Sample `field` where its zero level set can be, on a lattice with `resolution` cells along the longest side.
 
     With `lipschitz`, no part of the level set is missed: a cell is left out only if the value at its middle says that
     it is farther away than half the diagonal. Without, a lattice of about 64 (45 to 90) cells is sampled as a whole,
-    and a part that lies wholly inside one of its cells, connected to nothing that is seen there, is missed.
+    and a part that lies wholly inside one of its cells, connected to nothing that is seen there, is missed. Where
+    points `near` the level set are known, it is looked for around these instead, and followed from there.
 
     Args:
         field: Negative inside; only called within `bounds`.
         lipschitz: ``|field| <= lipschitz * distance to the level set``, or None if nothing of the kind is known.
         distance: The absolute value of `field`, where it is much cheaper without the sign. `field` is then asked for
             the sign of one in about five corners. Needs `lipschitz`.
+        near: Points of which each component of the level set passes one within about a cell; only used without
+            `lipschitz`.
 
     Raises:
         BaseMeshError: no negative value; the message has the range of the values.
@@ -73,6 +77,9 @@ def sample_near_level_set(
     sampler = Sampler(Lattice.over(bounds, resolution, max(2, widest)), field, lipschitz, distance)
     if lipschitz is not None:
         blocks = _by_distance(sampler, lipschitz)
+    elif near is not None:
+        index = np.floor((near - sampler.lattice.low) / sampler.lattice.step).astype(np.int64) + 1
+        blocks = distinct(sampler.lattice.cell_keys(np.clip(index, 0, sampler.lattice.size - 1) // 2, 2))
     elif widest > 1:
         blocks = _by_sign(sampler)
     else:

@@ -155,3 +155,20 @@ def test_many_crumbs_share_a_remark() -> None:
 
     _, _, remarks = drop_crumbs(*mesh_of(field, 64), 0.5)
     assert len(remarks) == 9 and remarks[-1].count > 100 and "times more" in remarks[-1].message
+
+
+def test_points_near_the_level_set_show_parts_that_a_coarse_grid_misses() -> None:
+    def field(points: np.ndarray) -> np.ndarray:
+        """An occupancy: a ball, and a speck of a seventieth of its size."""
+        balls = [
+            np.linalg.norm(points - center, axis=1) < radius
+            for center, radius in (([0, 0, 0], 1.0), ([1.6, 0.3, 0.2], 0.03))
+        ]
+        return np.where(balls[0] | balls[1], -1.0, 1.0)
+
+    bounds = np.array([[-1.2, -1.2, -1.2], [2.0, 1.2, 1.2]])
+    policy = LevelSetPolicy(resolution=128, max_resolution=128, min_component=1.0)
+    near = np.array([[1.0, 0.0, 0.0], [1.63, 0.3, 0.2]])
+    for points, components in ((None, 1), (near, 2)):
+        vertices, faces, _ = LevelSetExtractor(field, bounds, near=points, policy=policy).dense()
+        assert topology(faces, len(vertices)).components == components

@@ -25,17 +25,27 @@ def test_entry_modules_import_nothing_heavy(module: str) -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
-def test_sniffing_imports_nothing_heavy(tmp_path: Path) -> None:
+def test_sniffing_imports_numpy_at_most(tmp_path: Path) -> None:
+    """And that only for triangles, whose closing up has to be looked at."""
     trimesh.creation.torus(2.0, 0.5).export(tmp_path / "a.obj")
     (tmp_path / "a.toml").write_text('type = "sphere"\nradius = 1\n')
     code = (
         "import sys; from pathlib import Path; from ndf_plugin_sdf import analytic, mesh\n"
-        f"print(mesh.sniff(Path({str(tmp_path / 'a.obj')!r})).confidence,"
-        f" analytic.sniff(Path({str(tmp_path / 'a.toml')!r})).confidence, analytic.sniff(Path('a.b:c')).confidence)\n"
-        f"print([x for x in {HEAVY} if x in sys.modules])"
+        f"print(analytic.sniff(Path({str(tmp_path / 'a.toml')!r})).confidence,"
+        f" analytic.sniff(Path('a.b:c')).confidence, mesh.sniff(Path({str(tmp_path / 'a.toml')!r})), [x for x in {HEAVY} if x in sys.modules])\n"
+        f"print(mesh.sniff(Path({str(tmp_path / 'a.obj')!r})).confidence, [x for x in {HEAVY} if x in sys.modules])"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert found == "0.6 1.0 0.6\n[]\n"
+    assert found == "1.0 0.6 None []\n0.6 ['numpy']\n"
+
+
+def test_open_meshes_are_left_to_others(tmp_path: Path) -> None:
+    ring = trimesh.creation.torus(2.0, 0.5)
+    ring.update_faces(range(1, len(ring.faces)))
+    ring.export(tmp_path / "open.stl")
+    found = mesh.sniff(tmp_path / "open.stl")
+    assert found is not None
+    assert (found.confidence, found.reason) == (0.3, "triangle mesh (STL), not closed")
 
 
 @pytest.mark.parametrize("spec", [analytic.ndf_representation(), mesh.ndf_representation()], ids=["analytic", "mesh"])
