@@ -1,0 +1,1 @@
+"""Representations of ndf that are triangles without order, or points."""

@@ -1,0 +1,96 @@
+"""The level set w = 1/2 as a dense mesh, made once: the base mesh is cut from it, and samples start from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray as Array
+
+from ndf_core.base_mesh.coarsen import coarsen
+from ndf_core.base_mesh.level_set import LevelSetExtractor, LevelSetPolicy
+from ndf_core.errors import InputError
+from ndf_core.interfaces import BaseMesh, BaseMeshExtractor, Remark
+from ndf_core.kernels.winding import WindingTree
+from ndf_core.mesh import face_normals
+
+_MARGIN = 0.05
+"""Room around the samples, as a share of the longest side: caps over holes may bulge."""
+_COARSEST = 48
+
+Landing = tuple[Float[Array, "n 3"], Float[Array, "n 3"], Bool[Array, " n"]]
+"""Points, normals, and which of them are on the surface."""
+
+
+class WindingExtractor(BaseMeshExtractor):
+    """Base mesh of w = 1/2: marching cubes around the samples, coarsened."""
+
+    def __init__(
+        self, tree: WindingTree, samples: Float[Array, "n 3"], cell: float, finest: int, threads: int = 1
+    ) -> None:
+        """Hold the field; nothing is evaluated yet.
+
+        Args:
+            tree: w.
+            samples: points near all of the level set but the caps over holes.
+            cell: wished size of a cell, input units; finer shows the samples rather than the surface.
+            finest: most cells along the longest side.
+            threads: for the field.
+        """
+        low, high = samples.min(axis=0), samples.max(axis=0)
+        side = float((high - low).max())
+        margin = _MARGIN * side
+        resolution = int(np.clip((side + 2 * margin) / cell, min(_COARSEST, finest), finest))
+        self._samples = samples
+        self._extractor = LevelSetExtractor(
+            lambda points: 0.5 - tree.values(points, threads),
+            np.stack([low - margin, high + margin]),
+            near=samples,
+            policy=LevelSetPolicy(resolution=resolution, max_resolution=2 * resolution, bisections=2),
+        )
+
+    @cached_property
+    def dense(self) -> tuple[Float[Array, "v 3"], Int[Array, "f 3"], list[Remark]]:
+        """Closed and manifold, with remarks about what it lacks."""
+        return self._extractor.dense()
+
+    def extract(self, max_faces: int, seed: int = 0) -> BaseMesh:
+        """Return the base mesh; `seed` is not used, nothing here is random."""
+        del seed
+        vertices, faces, remarks = self.dense
+        return coarsen(vertices, faces, max_faces, remarks=remarks)
+
+    def sample(self, count: int, rng: np.random.Generator) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
+        """`count` points even by area on the dense mesh, which lies on the level set to a fraction of a cell, and
+        the normals of its faces."""
+        vertices, faces, _ = self.dense
+        area_vectors = face_normals(vertices, faces)
+        areas = np.linalg.norm(area_vectors, axis=1)
+        chosen = rng.choice(len(areas), count, p=areas / areas.sum())
+        root, along = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
+        a, b, c = (vertices[faces[chosen, k]] for k in range(3))
+        points = (1 - root) * a + root * (1 - along) * b + root * along * c
+        return points, area_vectors[chosen] / areas[chosen, None]
+
+
+def sample_by_landing(
+    extractor: WindingExtractor, land: Callable[[Float[Array, "n 3"]], Landing], count: int, rng: np.random.Generator
+) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
+    """`count` points on the level set itself, about even by area: samples of the dense mesh, projected.
+
+    Raises:
+        InputError: they do not land.
+    """
+    found: list[Float[Array, "n 3"]] = []
+    normals: list[Float[Array, "n 3"]] = []
+    missing = count
+    for _ in range(20):
+        points, outwards, landed = land(extractor.sample(missing, rng)[0])
+        found.append(points[landed])
+        normals.append(outwards[landed])
+        missing -= int(landed.sum())
+        if not missing:
+            return np.concatenate(found), np.concatenate(normals)
+    raise InputError("hardly any sample of the surface can be projected onto it")

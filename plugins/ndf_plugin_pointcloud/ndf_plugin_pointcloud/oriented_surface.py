@@ -1,0 +1,98 @@
+"""Opening `oriented-points`: points with normals become a winding number, and that a surface."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy import ndarray as Array
+from scipy.spatial import KDTree
+
+from ndf_core.errors import InputError
+from ndf_core.interfaces import Surface
+from ndf_core.kernels.winding import WindingTree
+from ndf_core.surfaces.fingerprint import fingerprint
+from ndf_plugin_pointcloud.areas import point_areas
+from ndf_plugin_pointcloud.defaults import WINDING_DEFAULTS
+from ndf_plugin_pointcloud.directions import Neighbourhood
+from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor, sample_by_landing
+from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
+from ndf_plugin_pointcloud.point_file import PointCloud, point_cloud, read_point_file
+from ndf_plugin_pointcloud.tracing_projector import TracingProjector
+
+_CELLS = 0.8
+"""Size of a cell in radii of the disc that a point stands for: about half the distance between points."""
+
+
+def open_oriented_points(source: str | Path | object, config: OrientedPointsConfig) -> Surface:
+    """Open a file of points with normals, or a pair of arrays (points (n, 3), normals (n, 3)).
+
+    Raises:
+        InputError: it cannot be read, or has no normals.
+    """
+    cloud = read_point_file(Path(source)) if isinstance(source, str | Path) else _from_arrays(source)
+    if cloud.normals is None:
+        raise InputError(f"{source}: has no normals; read it with --repr points, with --orient to estimate them")
+    digest = fingerprint("oriented-points", config, [cloud.points, cloud.normals])
+    return winding_surface(cloud, config, "oriented-points", digest)
+
+
+def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representation: str, digest: str) -> Surface:
+    """The surface w = 1/2 of points with normals.
+
+    Args:
+        cloud: with normals.
+        config: smoothing and resolution.
+        representation: the `--repr` name.
+        digest: the input's fingerprint.
+    """
+    assert cloud.normals is not None
+    threads = torch.get_num_threads()
+    notes, normals = list(cloud.notes), cloud.normals
+    tree = KDTree(cloud.points)
+    areas = point_areas(tree, threads)
+    # Three times the volume, by the divergence theorem.
+    if np.einsum("n,nc,nc->", areas, normals, cloud.points - cloud.points.mean(axis=0)) < 0:
+        normals = -normals
+        notes.append("the normals point inwards; all of them turned over")
+    radii = np.sqrt(areas / np.pi)
+    winding = WindingTree.of_points(cloud.points, areas[:, None] * normals, config.smoothing * radii)
+    extractor = WindingExtractor(winding, cloud.points, _CELLS * float(np.median(radii)), config.resolution, threads)
+    projector = TracingProjector(winding, Neighbourhood(tree, normals, radii), cloud.size)
+    return Surface(
+        representation=representation,
+        base_mesh=extractor,
+        projector=projector,
+        fingerprint=digest,
+        training_defaults=WINDING_DEFAULTS,
+        sample=lambda count, rng: sample_by_landing(extractor, projector.land, count, rng),
+        notes=tuple(notes),
+    )
+
+
+def _from_arrays(source: Any) -> PointCloud:
+    try:
+        points, normals = source
+        points, normals = np.array(points, dtype=np.float64), np.array(normals, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError("oriented-points: need a file, or a pair of arrays (points, normals)") from error
+    if points.ndim != 2 or points.shape[1] != 3 or normals.shape != points.shape:
+        raise InputError("oriented-points: need points (n, 3) and normals (n, 3)")
+    return point_cloud(points, normals, "the arrays")
+
+
+def point_array(source: Any, what: str) -> Array:
+    """An array of points (n, 3).
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        points = np.array(source, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what}: need a file, or an array of points (n, 3)") from error
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{what}: need points (n, 3), got an array of shape {points.shape}")
+    return points
