@@ -1,5 +1,4 @@
-"""From an asset to a triangle mesh, without torch: subdivide the base mesh, map it, check it.
+"""From an asset to a triangle mesh, without torch: remesh the base mesh under the field, and check it.
 
-`subdivision.py` holds the triangulation that all computing is done on; a remesher of intrinsic triangulations takes
-its place there, and the rest of this package stays.
+`extract.py` is the way in, `remeshing.py` the loop, `intrinsic_delaunay.py` what to compute on.
 """

@@ -1,4 +1,4 @@
-"""Extraction: subdivide the base mesh until the mapped edges are short enough (Sec. 3.4, first form)."""
+"""Extraction: remesh the base mesh until the mapped edges are short enough and the faces even (Sec. 3.4)."""
 
 from __future__ import annotations
 
@@ -6,23 +6,22 @@ import math
 import time
 from collections.abc import Iterable, Iterator
 
-import numpy as np
-
 from ndf_core.asset.asset import Asset
 from ndf_core.asset.content import AssetContent
 from ndf_core.errors import ExtractionError
 from ndf_core.extract.extracted import ExtractedMesh
 from ndf_core.extract.intrinsic_delaunay import intrinsic_delaunay
-from ndf_core.extract.subdivision import MAX_VERTICES, Subdivision, TooFineError
+from ndf_core.extract.remeshing import MAX_VERTICES, Remeshing, TooFineError
 from ndf_core.kernels.delaunay import delaunay_share
+from ndf_core.kernels.mesh_check import check_mesh, measure_mesh
 
 
 def extract_mesh(asset: Asset | AssetContent, edge_length: float | None = None, threads: int = 1) -> ExtractedMesh:
     """A triangle mesh of the surface, in input units.
 
     Laws: closed and manifold wherever the base mesh is, with its Euler characteristic; no edge is longer than
-    `edge_length`; the same bit for bit for every number of threads; an edge length beyond every mapped edge gives the
-    base mesh's own triangles, mapped.
+    `edge_length`, but for `unsplit_edges`; the same bit for bit for every number of threads; the base mesh's
+    vertices are kept, so an edge length beyond every mapped edge gives those alone.
 
     Args:
         asset: What to extract from.
@@ -41,13 +40,13 @@ def extract_mesh(asset: Asset | AssetContent, edge_length: float | None = None, 
 def refine_mesh(
     asset: Asset | AssetContent, edge_lengths: Iterable[float], threads: int = 1
 ) -> Iterator[ExtractedMesh]:
-    """Meshes at edge lengths that do not grow, each refined from the one before: vertices stay, edges may be flipped.
+    """Meshes at edge lengths that do not grow, each refined from the one before.
 
     Raises:
         ExtractionError: as `extract_mesh`, or an edge length is larger than the one before.
     """
     asset = asset if isinstance(asset, Asset) else Asset(asset)
-    state = Subdivision(asset.content, asset.evaluator(), threads)
+    state = Remeshing(asset.content, asset.evaluator(), threads)
     before = math.inf
     for edge_length in edge_lengths:
         if not (math.isfinite(edge_length) and edge_length > 0):
@@ -56,27 +55,40 @@ def refine_mesh(
             raise ExtractionError(f"the edge length {edge_length:g} is larger than the one before, {before:g}")
         before = edge_length
         try:
-            state.refine(edge_length / asset.content.scale)
+            mesh = _extracted(asset, state, edge_length)
         except TooFineError as error:
             raise ExtractionError(
                 f"the edge length {edge_length:g} needs more than {MAX_VERTICES} vertices; the smallest possible is "
                 f"about {error.smallest * asset.content.scale:.3g}"
             ) from None
-        yield _extracted(asset, state, edge_length)
+        yield mesh
 
 
-def _extracted(asset: Asset, state: Subdivision, edge_length: float) -> ExtractedMesh:
-    """A copy of the state that later refinement does not touch: only the faces are changed in place, by flips."""
-    vertices, faces = asset.to_input(state.mapped), np.copy(state.mesh.corners)
+def _extracted(asset: Asset, state: Remeshing, edge_length: float) -> ExtractedMesh:
+    """One stage, checked from its vertices and faces alone."""
+    now = state.refine(edge_length / asset.content.scale)
+    vertices = asset.to_input(now.mapped)
     start = time.perf_counter()
-    intrinsic = intrinsic_delaunay(vertices, faces)
-    seconds = {"delaunay": time.perf_counter() - start}
+    intrinsic = intrinsic_delaunay(vertices, now.faces)
+    flipped = time.perf_counter()
+    check = check_mesh(now.faces, len(vertices))
+    shape = measure_mesh(vertices, now.faces, check.twins)
+    seconds = {**state.seconds, "delaunay": flipped - start, "check": time.perf_counter() - flipped}
     return ExtractedMesh(
         vertices=vertices,
-        faces=faces,
-        base_faces=state.points.faces,
-        barycentric=state.points.barycentric,
+        faces=now.faces,
+        base_faces=now.points.faces,
+        barycentric=now.points.barycentric,
         intrinsic=intrinsic,
         edge_length=float(edge_length),
-        statistics=state.statistics(seconds) | {"delaunay": delaunay_share(intrinsic)},
+        statistics={
+            "manifold": check.manifold,
+            "closed": check.closed,
+            "euler_characteristic": check.euler_characteristic,
+            "delaunay": delaunay_share(intrinsic),
+            "delaunay_extrinsic": shape.delaunay,
+            "folded_area": shape.folded_area,
+            "unsplit_edges": state.unsplit_edges,
+            "seconds": {**seconds, "total": sum(seconds.values())},
+        },
     )

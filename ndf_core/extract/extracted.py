@@ -15,7 +15,7 @@ from ndf_core.kernels.delaunay import IntrinsicTriangulation
 @dataclass(frozen=True)
 class ExtractedMesh:
     """Laws: closed and manifold wherever the base mesh is, with its Euler characteristic; no edge is longer than
-    `edge_length`; `vertices` are the field at (`base_faces`, `barycentric`).
+    `edge_length`, but for `unsplit_edges`; `vertices` are the field at (`base_faces`, `barycentric`).
     """
 
     vertices: Float[Array, "v 3"]
@@ -33,4 +33,4 @@ class ExtractedMesh:
     statistics: Mapping[str, Any]
     """JSON-ready: `manifold` and `closed`; `euler_characteristic`; `delaunay`, the share of Delaunay edges of
     `intrinsic`, and `delaunay_extrinsic`, that of `faces`; `folded_area`, the share of the area in faces that have a
-    neighbour folded over them; `seconds` by stage."""
+    neighbour folded over them; `unsplit_edges`, longer ones that could not be split; `seconds` by stage."""

@@ -10,14 +10,16 @@ import pytest
 from jaxtyping import Float
 from numpy import ndarray as Array
 from small_assets import icosphere, open_grid, small_content, torus
+from solids import min_angles
 
 from ndf_core.asset.asset import Asset
 from ndf_core.asset.content import AssetContent, QuantisedArray
 from ndf_core.errors import ExtractionError
-from ndf_core.extract import subdivision
+from ndf_core.extract import remeshing
 from ndf_core.extract.extract import extract_mesh, refine_mesh
 from ndf_core.extract.extracted import ExtractedMesh
-from ndf_core.mesh import face_normals, signed_volume, topology
+from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.mesh import face_normals, topology
 
 MESHES = {"sphere": icosphere(1), "torus": torus(), "open": open_grid()}
 
@@ -36,7 +38,7 @@ def area(vertices: Float[Array, "v 3"], faces: Array) -> float:
 
 
 @pytest.mark.parametrize("mesh", MESHES)
-@pytest.mark.parametrize("edge_length", [None, 0.02, 0.3])
+@pytest.mark.parametrize("edge_length", [None, 0.04, 0.3])
 def test_topology_edge_length_and_field(mesh: str, edge_length: float | None) -> None:
     asset = Asset(content_of(mesh))
     extracted = asset.extract(edge_length)
@@ -50,42 +52,55 @@ def test_topology_edge_length_and_field(mesh: str, edge_length: float | None) ->
     assert longest_edge(extracted) <= extracted.edge_length * (1 + 1e-12)
     np.testing.assert_array_equal(extracted.vertices, asset.map_points(extracted.base_faces, extracted.barycentric))
     assert (extracted.barycentric >= 0).all()
-    np.testing.assert_array_equal(extracted.barycentric.sum(axis=1), 1.0)
+    np.testing.assert_allclose(extracted.barycentric.sum(axis=1), 1.0, rtol=0, atol=4e-16)
     statistics = extracted.statistics
     assert statistics["manifold"]
     assert statistics["closed"] == base.closed
-    assert 0.8 < statistics["delaunay_extrinsic"] <= statistics["delaunay"] == 1
+    least = 0.98 if extracted.edge_length < 0.05 else 0.85  # few faces, sharp edges between them
+    assert least < statistics["delaunay_extrinsic"] <= statistics["delaunay"] == 1
+    assert statistics["unsplit_edges"] == 0
     assert statistics["folded_area"] == 0
-    assert set(statistics["seconds"]) == {"map", "subdivide", "check", "delaunay", "total"}
+    stages = {"map", "split", "flip", "remove", "move", "sort", "delaunay", "check", "total"}
+    assert set(statistics["seconds"]) == stages
 
 
 @pytest.mark.parametrize("mesh", MESHES)
 def test_identity_reproduces_the_base_surface(mesh: str) -> None:
-    """With a zero network the surface is the base mesh: equal area and volume, and no more than midpoints."""
+    """With a zero network the mesh lies on the base mesh. It cuts edges off, by no more than a face."""
     asset = Asset(content_of(mesh, amplitude=0.0))
     vertices = asset.to_input(asset.content.vertices)
-    extracted = asset.extract(0.05)
-    assert area(extracted.vertices, extracted.faces) == pytest.approx(area(vertices, asset.content.faces), rel=1e-6)
-    if mesh != "open":
-        volume = signed_volume(vertices, asset.content.faces)
-        assert signed_volume(extracted.vertices, extracted.faces) == pytest.approx(volume, rel=1e-5)
+    extracted = asset.extract(0.02)
+    assert area(extracted.vertices, extracted.faces) == pytest.approx(area(vertices, asset.content.faces), rel=0.01)
+    distances = TriangleBVH(vertices, asset.content.faces).closest(extracted.vertices)[0] - extracted.vertices
+    assert np.linalg.norm(distances, axis=1).max() < 1e-6
+    kept = TriangleBVH(extracted.vertices, extracted.faces).closest(vertices)[0]
+    np.testing.assert_allclose(kept, vertices, rtol=0, atol=1e-6)  # the corners of the base mesh
     assert extracted.statistics["folded_area"] == 0
 
 
 @pytest.mark.parametrize("mesh", MESHES)
-def test_huge_edge_length_is_the_base_mesh_mapped(mesh: str) -> None:
+def test_huge_edge_length_gives_the_base_vertices_mapped(mesh: str) -> None:
     asset = Asset(content_of(mesh))
     extracted = asset.extract(1e9)
-    np.testing.assert_array_equal(extracted.faces, asset.content.faces)
     faces = asset.content.faces
     corner = np.array([np.argwhere(faces == v)[0] for v in range(len(asset.content.vertices))])
     mapped = asset.map_points(corner[:, 0].astype(np.int32), np.eye(3)[corner[:, 1]])
-    np.testing.assert_allclose(extracted.vertices, mapped, rtol=0, atol=1e-6 * asset.longest_side)
+    assert len(extracted.faces) == len(faces)
+    order, expected = np.lexsort(extracted.vertices.T.round(9)), np.lexsort(mapped.T.round(9))
+    np.testing.assert_allclose(extracted.vertices[order], mapped[expected], rtol=0, atol=1e-6 * asset.longest_side)
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_faces_are_well_shaped(mesh: str) -> None:
+    extracted = Asset(content_of(mesh)).extract(0.03)
+    angles = min_angles(extracted.vertices, extracted.faces)
+    assert np.percentile(angles, 1) > 20
+    assert np.median(angles) > 42
 
 
 def test_repeatable_for_any_number_of_threads() -> None:
     content = small_content(icosphere(2), width=32)
-    one, two, three = (extract_mesh(content, 0.04, threads) for threads in (1, 2, 3))
+    one, two, three = (extract_mesh(content, 0.03, threads) for threads in (1, 2, 3))
     assert len(one.vertices) > 20_000  # enough rows for every thread
     for other in (two, three):
         for name in ("vertices", "faces", "base_faces", "barycentric"):
@@ -105,12 +120,14 @@ def test_refining_goes_on_from_the_stage_before() -> None:
     stages = list(asset.refine(lengths))
     assert [stage.edge_length for stage in stages] == lengths
     for stage, finer in itertools.pairwise(stages):
-        count = len(stage.vertices)
-        np.testing.assert_array_equal(finer.vertices[:count], stage.vertices)
         assert topology(finer.faces, len(finer.vertices)).manifold
         assert longest_edge(finer) <= finer.edge_length * (1 + 1e-12)
-    np.testing.assert_array_equal(stages[1].faces, stages[2].faces)
-    assert len(stages[0].faces) < len(stages[1].faces) < len(stages[3].faces)
+        np.testing.assert_array_equal(finer.vertices, asset.map_points(finer.base_faces, finer.barycentric))
+        assert len(stage.faces) <= len(finer.faces)
+    direct = asset.extract(0.03)
+    assert len(stages[3].vertices) == pytest.approx(len(direct.vertices), rel=0.1)
+    one, two = (np.median(min_angles(mesh.vertices, mesh.faces)) for mesh in (stages[3], direct))
+    assert abs(one - two) < 3
 
 
 def test_coarser_stage_is_refused() -> None:
@@ -129,7 +146,7 @@ def test_edge_lengths_that_are_not_positive(edge_length: float) -> None:
 def test_too_fine_is_refused_at_once_with_a_length_that_works(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ExtractionError, match="more than 20000000 vertices; the smallest possible is about"):
         extract_mesh(content_of("sphere"), 1e-12)
-    monkeypatch.setattr(subdivision, "MAX_VERTICES", 10_000)
+    monkeypatch.setattr(remeshing, "MAX_VERTICES", 10_000)
     content = content_of("sphere")
     with pytest.raises(ExtractionError, match="smallest possible") as caught:
         extract_mesh(content, 0.001)
@@ -163,8 +180,8 @@ def test_a_field_that_is_not_finite_is_refused() -> None:
 
 def test_a_rough_field_is_followed_to_the_end() -> None:
     """Untrained weights on eight levels: the surface folds so much that edges with near ends miss what is between."""
-    extracted = extract_mesh(small_content(icosphere(0), levels=8, width=16, amplitude=0.02), 0.03)
-    assert longest_edge(extracted) <= 0.03 * (1 + 1e-12)
+    extracted = extract_mesh(small_content(icosphere(0), levels=8, width=16, amplitude=0.02), 0.06)
+    assert longest_edge(extracted) <= 0.06 * (1 + 1e-12)
     assert extracted.statistics["euler_characteristic"] == 2
     assert extracted.statistics["manifold"]
 

@@ -1,0 +1,168 @@
+"""The mesh under refinement: an intrinsic triangulation of the base mesh and the mapped position of each vertex."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from ndf_core.asset.content import AssetContent
+from ndf_core.asset.fields import FieldEvaluator
+from ndf_core.errors import ExtractionError
+from ndf_core.kernels.mesh_check import check_mesh
+from ndf_core.kernels.remesh import BasePoints, MappedTriangulation, RemeshKernel
+
+MAX_VERTICES = 20_000_000
+"""Largest mesh that is extracted; it takes about 9 GB on the way."""
+STEP = 0.7
+"""Limits of successive splits shrink by this at most, so that long edges are halved before shorter ones."""
+SHORT = 0.25
+"""Vertices of edges shorter than this share of the limit are removed (Sec. 3.4)."""
+FLIP_ROUNDS = 12
+"""Rounds of splitting at one limit in which edges are flipped too; later, flips might undo what it needs to end."""
+MAX_ROUNDS = 48
+"""Halving an edge more often than this leaves the range where lengths mean anything."""
+
+_LIKELY = 2.0
+"""Vertices times edge length squared over area: 2.7 to 3 in practice, 1.15 at the very least."""
+_SAFE = 4.5
+"""The same, for the edge length that an error recommends."""
+_SORT = 1.5
+"""Sort again when there are this many times the vertices of the last time."""
+
+
+class Remeshing:
+    """The loop of Sec. 3.4 over a base mesh and a field. Lengths are in the box frame.
+
+    Laws: the mesh is closed and manifold wherever the base mesh is, with its topology; no edge is longer than the
+    limit (but for `unsplit_edges`).
+
+    Raises:
+        ExtractionError: the base mesh is not an oriented manifold, or the field is not finite.
+    """
+
+    def __init__(self, content: AssetContent, displacement: FieldEvaluator, threads: int) -> None:
+        self._displacement = displacement
+        self._threads = threads
+        self.seconds = {"map": 0.0, "split": 0.0, "flip": 0.0, "remove": 0.0, "move": 0.0, "sort": 0.0}
+        self.unsplit_edges = 0
+        used = np.unique(content.faces)
+        faces = np.searchsorted(used, content.faces).astype(np.int32)
+        check = check_mesh(faces, len(used))
+        if not check.manifold:
+            raise ExtractionError(
+                f"the asset's base mesh is not an oriented manifold: {check.non_manifold_edges} edges of more than "
+                f"two faces, {check.inconsistent_edges} of two that disagree, {check.degenerate_faces} degenerate "
+                f"faces, {check.non_manifold_vertices} vertices where surfaces touch; fit the surface again"
+            )
+        mapped = self._map(_corners(faces, len(used)))
+        try:
+            self._kernel = RemeshKernel(content.vertices[used], faces, check.twins, mapped)
+        except ValueError as error:
+            raise ExtractionError(f"the asset's base mesh cannot be used: {error}; the asset is damaged") from error
+        self._sorted = len(used)
+
+    def refine(self, limit: float) -> MappedTriangulation:
+        """Go on until no edge is longer than `limit` and the faces are as even as can be.
+
+        Raises:
+            ExtractionError: this would take more than `MAX_VERTICES` vertices; or the field is so rough that edges do
+                not get shorter.
+        """
+        self._refuse_too_fine(limit)
+        self._split(limit)
+        with self._stage("remove"):
+            self._kernel.remove_short_edges(SHORT * limit)
+        self._flip(limit)
+        self._move()
+        self._flip(limit)
+        self._split(limit)
+        with self._stage("flip"):
+            self._kernel.flip_to_delaunay(limit)
+        with self._stage("sort"):
+            return self._kernel.triangulation()
+
+    def _split(self, limit: float) -> None:
+        """Halve edges until none is longer than `limit`, the longest first, and flip after every round."""
+        step, rounds = self._kernel.measure()[1], 0
+        while True:
+            step = max(limit, STEP * step)
+            rounds = rounds + 1 if step == limit else 0
+            if rounds > MAX_ROUNDS:
+                raise ExtractionError(
+                    f"the asset's field is so rough that {MAX_ROUNDS} halvings leave edges that are too long; the "
+                    f"asset is damaged, or its fit diverged"
+                )
+            with self._stage("split"):
+                middles, refused = self._kernel.find_long_edges(step, along=rounds > FLIP_ROUNDS)
+            count = len(middles.faces)
+            if self._kernel.vertex_count + count > MAX_VERTICES:
+                raise TooFineError(max(self._recommended(), 1.5 * limit))
+            mapped = self._map(middles)
+            with self._stage("split"):
+                refused += self._kernel.split(mapped)
+            self.unsplit_edges = refused
+            if step == limit and count <= refused:
+                return
+            if self._kernel.vertex_count > _SORT * self._sorted:
+                with self._stage("sort"):
+                    self._kernel.sort()
+                self._sorted = self._kernel.vertex_count
+                self._refuse_too_fine(limit)
+            if rounds <= FLIP_ROUNDS:
+                self._flip(step)
+
+    def _flip(self, limit: float) -> None:
+        with self._stage("flip"):
+            self._kernel.flip_to_lower_energy(limit)
+
+    def _move(self) -> None:
+        with self._stage("move"):
+            centres = self._kernel.find_moves()
+        mapped = self._map(centres)
+        with self._stage("move"):
+            self._kernel.move(mapped)
+
+    def _map(self, points: BasePoints) -> Float[Array, "n 3"]:
+        with self._stage("map"):
+            mapped = self._displacement.at_base(*points, self._threads).astype(np.float64)
+        if not np.isfinite(mapped).all():
+            raise ExtractionError("the asset's field is not finite; the asset is damaged, or its fit diverged")
+        return mapped
+
+    def _refuse_too_fine(self, limit: float) -> None:
+        """Estimate the size from the area that is known by now, before anything is allocated for it."""
+        if _LIKELY * self._kernel.measure()[0] > MAX_VERTICES * limit * limit:
+            raise TooFineError(self._recommended())
+
+    def _recommended(self) -> float:
+        return (_SAFE * self._kernel.measure()[0] / MAX_VERTICES) ** 0.5
+
+    @contextmanager
+    def _stage(self, name: str) -> Generator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] += time.perf_counter() - start
+
+
+class TooFineError(ExtractionError):
+    """More vertices than `MAX_VERTICES` would be needed; `smallest` is an edge length (box frame) that should do."""
+
+    def __init__(self, smallest: float) -> None:
+        super().__init__(f"more than {MAX_VERTICES} vertices would be needed")
+        self.smallest = smallest
+
+
+def _corners(faces: Int[Array, "f 3"], count: int) -> BasePoints:
+    """Each vertex as a base point: a face that it is a corner of, and weight 1 there."""
+    home, weights = np.empty(count, dtype=np.int32), np.zeros((count, 3))
+    for i in range(3):
+        home[faces[:, i]] = np.arange(len(faces), dtype=np.int32)
+    weights[faces[home] == np.arange(count)[:, None]] = 1.0
+    return BasePoints(home, weights)

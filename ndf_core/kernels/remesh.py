@@ -1,0 +1,159 @@
+"""Remeshing of a map from a base mesh by intrinsic triangulations of that mesh: the interface of `src/remesh.c`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from ndf_core.kernels import _remesh  # pyright: ignore[reportAttributeAccessIssue]  # compiled, no stub
+
+
+class BasePoints(NamedTuple):
+    """Points of a base mesh."""
+
+    faces: Int[Array, " n"]
+    """int32; for a point on a base edge, either of its two."""
+    barycentric: Float[Array, "n 3"]
+    """float64, exactly zero on an edge of the face."""
+
+
+class MappedTriangulation(NamedTuple):
+    """A triangulation of a base mesh and where its vertices are mapped to."""
+
+    faces: Int[Array, "f 3"]
+    """int32."""
+    points: BasePoints
+    mapped: Float[Array, "v 3"]
+    """float64."""
+
+
+class HalfEdges(NamedTuple):
+    """The edges of a triangulation as straight lines on the base mesh. Half-edge 3 f + i starts at corner i of f."""
+
+    twins: Int[Array, "f 3"]
+    """int32: the half-edge on the other side, -1 at a border."""
+    homes: Int[Array, "f 3"]
+    """int32: the base face in whose plane the vector is given."""
+    vectors: Float[Array, "f 3 2"]
+    """float64: from start to end, unfolded; the first edge of a base face is the x axis of its plane."""
+
+
+class RemeshKernel:
+    """A triangulation of a base mesh, its vertices mapped to space; at first the base mesh itself.
+
+    Lengths in space, and only they, decide what is changed. Every change is one of the triangulation of the base mesh
+    as an intrinsic surface, so that the map stays a bijection between the two, and the mesh simplicial: no loop, no
+    double edge or face. The corners of the base mesh stay vertices.
+
+    Laws: every edge is a straight line on the base mesh; topology and area of the base mesh stay; the same on every
+    run.
+
+    A pass that needs new points of the map answers with base points; the pass that uses them has to come next.
+
+    Reference: Sharp, Soliman, Crane 2019 (signposts); sections 3.4 of the paper.
+    """
+
+    def __init__(
+        self,
+        vertices: Float[Array, "v 3"],
+        faces: Int[Array, "b 3"],
+        twins: Int[Array, "b 3"],
+        mapped: Float[Array, "v 3"],
+    ) -> None:
+        """Take the base mesh as the first triangulation. `twins` are those of `check_mesh`; boundaries are allowed.
+
+        Raises:
+            ValueError: the faces are not an oriented manifold, some vertex is unused, or a position is not finite.
+        """
+        if not (np.isfinite(vertices).all() and np.isfinite(mapped).all()):
+            raise ValueError("vertices: not finite")
+        self._state = _remesh.create(
+            np.ascontiguousarray(vertices, dtype=np.float64),
+            np.ascontiguousarray(faces, dtype=np.int32),
+            np.ascontiguousarray(twins, dtype=np.int32),
+            np.ascontiguousarray(mapped, dtype=np.float64),
+        )
+
+    @property
+    def vertex_count(self) -> int:
+        return _remesh.size(self._state)[0]
+
+    def measure(self) -> tuple[float, float]:
+        """Area and longest edge of the mapped mesh."""
+        return _remesh.measure(self._state)
+
+    def find_long_edges(self, limit: float, along: bool) -> tuple[BasePoints, int]:
+        """Middles of the edges that are mapped longer than `limit`, for `split`, and how many edges have none.
+
+        With `along`, the longest edge of every thin face beside them is split too; then splitting again and again
+        ends wherever the map is Lipschitz.
+        """
+        count, refused = _remesh.find_long(self._state, limit, along)
+        return self._places(count), refused
+
+    def split(self, mapped: Float[Array, "n 3"]) -> int:
+        """Put vertices at the places found last, which are mapped to `mapped`; the number that was refused."""
+        return _remesh.split(self._state, np.ascontiguousarray(mapped, dtype=np.float64))
+
+    def find_moves(self) -> BasePoints:
+        """For every vertex that was put on an edge, the centre of the faces around it, for `move`."""
+        return self._places(_remesh.find_moves(self._state))
+
+    def move(self, mapped: Float[Array, "n 3"]) -> int:
+        """Move vertices to the places found last wherever that makes no face worse; how many were moved."""
+        return _remesh.move(self._state, np.ascontiguousarray(mapped, dtype=np.float64))
+
+    def remove_short_edges(self, limit: float) -> int:
+        """Remove a vertex of each edge shorter than `limit`, though none of the base mesh; how many were removed."""
+        return _remesh.remove_short(self._state, limit)
+
+    def flip_to_lower_energy(self, limit: float) -> int:
+        """Flip edges while that lowers the ODT energy; how many flips. No edge beyond `limit` replaces a shorter one.
+
+        The energy is the sum over faces of area times squared edge lengths. No crease gets sharper than 60 degrees.
+        """
+        return _remesh.flip(self._state, False, limit)
+
+    def flip_to_delaunay(self, limit: float) -> int:
+        """The same with another aim: that opposite angles in space add up to pi at most."""
+        return _remesh.flip(self._state, True, limit)
+
+    def sort(self) -> None:
+        """Renumber everything by its place on the base mesh; passes over large meshes are twice as fast for it."""
+        _remesh.sort(self._state)
+
+    def flip_edge(self, half_edge: int) -> bool:
+        """Flip one edge, if it can be flipped on the base mesh."""
+        return _remesh.edit(self._state, 0, half_edge)
+
+    def remove_vertex(self, vertex: int) -> bool:
+        """Remove one vertex, if it was put on an edge and edges can be flipped away from it."""
+        return _remesh.edit(self._state, 1, vertex)
+
+    def triangulation(self) -> MappedTriangulation:
+        """A copy of the present state, sorted."""
+        self.sort()
+        vertices, faces = _remesh.size(self._state)
+        result = MappedTriangulation(
+            np.empty((faces, 3), np.int32),
+            BasePoints(np.empty(vertices, np.int32), np.empty((vertices, 3))),
+            np.empty((vertices, 3)),
+        )
+        _remesh.export(self._state, result.faces, *result.points, result.mapped)
+        return result
+
+    def half_edges(self) -> HalfEdges:
+        """A copy of the edges, in the order of `triangulation`."""
+        self.sort()
+        shape = (_remesh.size(self._state)[1], 3)
+        result = HalfEdges(np.empty(shape, np.int32), np.empty(shape, np.int32), np.empty((*shape, 2)))
+        _remesh.edges(self._state, *result)
+        return result
+
+    def _places(self, count: int) -> BasePoints:
+        points = BasePoints(np.empty(count, np.int32), np.empty((count, 3)))
+        _remesh.places(self._state, *points)
+        return points
