@@ -1,0 +1,1 @@
+"""Plugin of ndf: neural radiance fields, as the outer level set of their density."""
