@@ -1,0 +1,1 @@
+"""Plugin of ndf: trained 3D Gaussian splats."""
