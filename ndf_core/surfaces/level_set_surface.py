@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
 
 from ndf_core.base_mesh.level_set import LevelSetExtractor, LevelSetPolicy
 from ndf_core.interfaces import Surface
@@ -23,18 +25,21 @@ def level_set_surface(
     fingerprint: str,
     training_defaults: Mapping[str, Any],
     notes: tuple[str, ...],
+    near: Float[Array, "n 3"] | None = None,
+    refined: bool = True,
 ) -> Surface:
     """Assemble a surface.
 
     Args:
         representation: the `--repr` name.
         field: phi, with the bounds of its surface.
-        resolution: cells of the base mesh's grid along the longest side of the bounds; doubled where its topology is
-            not settled.
+        resolution: cells of the base mesh's grid along the longest side of the bounds.
         corrections: most tangential corrections of a projection.
         fingerprint: of content and options.
         training_defaults: fit options that this representation changes.
         notes: one-line remarks for the user.
+        near: points about the surface, on each of its components, where they are known; for fields with plateaus.
+        refined: whether the resolution is doubled where the base mesh's topology is not settled.
     """
     return Surface(
         representation=representation,
@@ -43,7 +48,8 @@ def level_set_surface(
             np.stack([field.bounds.lower, field.bounds.upper]),
             # On plateaus the bound keeps nearly every cell; signs find the surface faster.
             lipschitz=None if field.has_plateaus else field.lipschitz,
-            policy=LevelSetPolicy(resolution=resolution, max_resolution=2 * resolution),
+            near=near,
+            policy=LevelSetPolicy(resolution=resolution, max_resolution=(2 if refined else 1) * resolution),
         ),
         projector=LevelSetProjector(field, corrections),
         fingerprint=fingerprint,
