@@ -28,6 +28,7 @@ from extraction_summary import draw, summarise
 from extraction_tasks import EIGENVALUES, AsMeshed, exact_geodesics, geodesic_error, spectrum_error, timed
 from numpy import ndarray as Array
 
+from ndf_core.asset.asset import Asset
 from ndf_core.errors import InputError
 from ndf_core.processing.operators import Operators
 from ndf_core.processing.spectrum import laplace_spectrum
@@ -130,6 +131,7 @@ def run(shape: Shape, results: Path, kept: list[dict[str, Any]]) -> dict[str, An
         "shape": shape.name,
         "neural": shape.neural,
         "asset_bytes": shape.asset.stat().st_size,
+        "base_faces": len(Asset.load(shape.asset).content.faces),
         "reference": reference.facts,
         "runs": entries,
     }
@@ -140,7 +142,7 @@ def run(shape: Shape, results: Path, kept: list[dict[str, Any]]) -> dict[str, An
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--assets", type=Path, nargs="+", help="folders with <shape>_<faces>.ndf")
-    parser.add_argument("--faces", type=int, default=8000, help="of the base mesh")
+    parser.add_argument("--faces", type=int, nargs="+", default=[8000], help="of the base mesh; the first there is")
     parser.add_argument("--shapes", nargs="+", default=list(SHAPES), choices=list(SHAPES))
     parser.add_argument("--data", type=Path, default=HERE.parent.parent / "shared" / "data")
     parser.add_argument("--only-ours", action="store_true", help="keep the alternatives' last runs")
@@ -155,10 +157,10 @@ def main() -> None:
             if path.exists():
                 found.append(json.loads(path.read_text()))
             continue
-        candidates = [folder / f"{name}_{options.faces}.ndf" for folder in options.assets or []]
+        candidates = [folder / f"{name}_{faces}.ndf" for faces in options.faces for folder in options.assets or []]
         asset = next((candidate for candidate in candidates if candidate.exists()), None)
         if asset is None:
-            raise SystemExit(f"no asset {name}_{options.faces}.ndf: fit it first, and name its folder with --assets")
+            raise SystemExit(f"no asset {name}_{options.faces[0]}.ndf: fit it, and name its folder with --assets")
         start = time.perf_counter()
         kept = json.loads(path.read_text())["runs"] if options.only_ours else []
         others = [entry for entry in kept if entry["method"] != "ours"]

@@ -99,8 +99,9 @@ def summarise(results: list[dict[str, Any]]) -> dict[str, Any]:
     """The figures that issue 3 asks for, by shape and task."""
     shapes: dict[str, Any] = {}
     for result in results:
-        shapes[result["shape"]] = {"neural": result["neural"], "asset_bytes": result["asset_bytes"],
-                                   "reference": result["reference"]}  # fmt: skip
+        shapes[result["shape"]] = {
+            key: result[key] for key in ("neural", "asset_bytes", "base_faces", "reference") if key in result
+        }
         for task in TASKS:
             mine, theirs = points(result, task, True), points(result, task, False)
             cubes = [run for run in theirs if run["method"] == "marching cubes"]

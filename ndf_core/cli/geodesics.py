@@ -53,7 +53,7 @@ def command(
     from ndf_core.render import ColorBar, colormap, panels, write_png
 
     ready = time.perf_counter()
-    found = geodesic_distances(Operators(mesh.vertices, mesh.faces), coordinates, method)
+    found = geodesic_distances(Operators.of(mesh.extracted or mesh), coordinates, method)
     solved = time.perf_counter()
     distances = found.distances
     arrays = {"distances": distances, **{f"source_{name}": value for name, value in found.sources._asdict().items()}}

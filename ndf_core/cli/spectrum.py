@@ -47,7 +47,7 @@ def command(
     from ndf_core.render import panels, write_png
 
     ready = time.perf_counter()
-    operators = Operators(mesh.vertices, mesh.faces)
+    operators = Operators.of(mesh.extracted or mesh)
     found = laplace_spectrum(operators, count, mass)
     solved = time.perf_counter()
     functions = found.eigenfunctions

@@ -42,12 +42,18 @@ class Operators:
     Laws: invariant under rigid motions; no value is changed once it is made.
     """
 
-    def __init__(self, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> None:
+    def __init__(
+        self,
+        vertices: Float[Array, "v 3"],
+        faces: Int[Array, "f 3"],
+        triangulation: IntrinsicTriangulation | None = None,
+    ) -> None:
         """Check the mesh; nothing is computed yet.
 
         Args:
             vertices: Any units; every one is used by a face.
             faces: An oriented manifold along its edges. A border is allowed.
+            triangulation: The intrinsic Delaunay triangulation of the mesh, where it is known.
 
         Raises:
             InputError: there is no face, or a vertex that no face uses. What else can be wrong with a mesh is said
@@ -66,11 +72,12 @@ class Operators:
                 f"{int((~used).sum()):,} of {len(used):,} vertices belong to no face, the first is vertex "
                 f"{int(used.argmin())} (from 0): remove them"
             )
+        self._given = triangulation
 
     @classmethod
     def of(cls, mesh: TriangleMesh) -> Operators:
-        """The operators of an `ExtractedMesh` or another mesh."""
-        return cls(mesh.vertices, mesh.faces)
+        """The operators of an `ExtractedMesh`, which brings its triangulation, or of another mesh."""
+        return cls(mesh.vertices, mesh.faces, getattr(mesh, "intrinsic", None))
 
     @cached_property
     def triangulation(self) -> IntrinsicTriangulation:
@@ -79,7 +86,7 @@ class Operators:
         Raises:
             InputError: the mesh is not an oriented manifold, or not finite.
         """
-        return intrinsic_delaunay(self.vertices, self.faces)
+        return self._given or intrinsic_delaunay(self.vertices, self.faces)
 
     @cached_property
     def lengths(self) -> Float[Array, "f 3"]:
