@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import click
@@ -35,8 +36,10 @@ def command(asset: Path, output: Path, edge_length: float | None) -> Result:
     check_output(output, SUFFIXES, asset)
     start = time.perf_counter()
     mesh = Asset.load(asset).extract(edge_length, threads=os.cpu_count() or 1)
-    write_mesh(output, mesh.vertices, mesh.faces)
-    statistics = dict(mesh.statistics)
+    with ThreadPoolExecutor(1) as beside:
+        counting = beside.submit(lambda: mesh.self_intersections)
+        write_mesh(output, mesh.vertices, mesh.faces)
+        statistics = {**mesh.statistics, "self_intersections": counting.result()}
     stages = statistics.pop("seconds")
     report = {
         "vertices": len(mesh.vertices),

@@ -209,3 +209,35 @@ def test_unused_base_vertices_are_left_out() -> None:
     assert len(extracted.vertices) == len(content.vertices) - 1
     assert extracted.statistics["manifold"]
     assert not extracted.statistics["closed"]
+
+
+def test_values_come_back_to_points_of_the_surface() -> None:
+    """A linear function of space, given at the vertices, is itself again at points on or near the mesh."""
+    asset = Asset(content_of("torus"))
+    mesh = asset.extract(0.05)
+    values = mesh.vertices @ np.array([[1.0, -2.0], [0.5, 3.0], [2.0, 0.0]]) + 1.0
+    rng = np.random.default_rng(0)
+    corners = mesh.vertices[mesh.faces[rng.integers(0, len(mesh.faces), 5000)]]
+    points = np.einsum("nk,nkc->nc", rng.dirichlet(np.ones(3), 5000), corners)
+    expected = points @ np.array([[1.0, -2.0], [0.5, 3.0], [2.0, 0.0]]) + 1.0
+    np.testing.assert_allclose(mesh.interpolate(values, points), expected, atol=1e-12)
+    np.testing.assert_allclose(mesh.interpolate(values[:, 0], points, threads=2), expected[:, 0], atol=1e-12)
+    np.testing.assert_array_equal(mesh.interpolate(values, mesh.vertices), values)
+    faces, weights, distances = mesh.locate(points)
+    np.testing.assert_allclose(np.einsum("nk,nkc->nc", weights, mesh.vertices[mesh.faces[faces]]), points, atol=1e-12)
+    assert distances.max() < 1e-12
+    # Points of the field itself, which the mesh only comes close to.
+    base_faces = rng.integers(0, len(asset.content.faces), 2000).astype(np.int32)
+    exact = asset.map_points(base_faces, rng.dirichlet(np.ones(3), 2000))
+    assert mesh.locate(exact)[2].max() < 0.3 * mesh.edge_length  # beside a sharp edge
+    with pytest.raises(ValueError, match=r"values: need \d+ rows, one per vertex, got 3"):
+        mesh.interpolate(values[:3], points)
+
+
+def test_self_intersections_are_counted() -> None:
+    mesh = Asset(content_of("sphere")).extract(0.1)
+    assert mesh.self_intersections == 0
+    center = np.array([5.0, -7.0, 2.0])
+    pushed = mesh.vertices.copy()
+    pushed[0] = center - 1.5 * (pushed[0] - center)  # through the other side
+    assert dataclasses.replace(mesh, vertices=pushed).self_intersections > 0
