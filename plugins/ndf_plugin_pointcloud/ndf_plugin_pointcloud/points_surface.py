@@ -1,0 +1,81 @@
+"""Opening `points`: dilated to a closed surface, or given normals and handed on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ndf_core.interfaces import Surface
+from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, offset_surface, sampling_spacing
+from ndf_core.surfaces.fingerprint import fingerprint
+from ndf_plugin_pointcloud.defaults import POINTS_DEFAULTS
+from ndf_plugin_pointcloud.local_planes import LocalPlanes
+from ndf_plugin_pointcloud.orientation import oriented_normals, outward_vectors
+from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
+from ndf_plugin_pointcloud.oriented_surface import point_array, winding_surface
+from ndf_plugin_pointcloud.point_file import PointCloud, point_cloud, read_point_file
+from ndf_plugin_pointcloud.points import PointsConfig
+from ndf_plugin_pointcloud.shell import ShellProjector
+
+_WIDEST = 0.06
+"""Largest radius that is tried, in sizes, or ..."""
+_WIDEST_SPACINGS = 3.0
+"""... in spacings, where that is more."""
+_LIMIT = 3.0
+"""Queries farther than so many radii from all points are over a gap."""
+
+
+def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
+    """Open a file of points, or an array of them (n, 3). Normals in the file are not used.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if isinstance(source, str | Path):
+        cloud = read_point_file(Path(source))
+    else:
+        cloud = point_cloud(point_array(source, "points"), None, "the array")
+    notes = list(cloud.notes)
+    if cloud.normals is not None:
+        notes.append("its normals are not used; --repr oriented-points uses them")
+    points, threads = cloud.points, torch.get_num_threads()
+    digest = fingerprint("points", config, [points])
+    spacing = float(np.median(sampling_spacing(points)))
+    widest = max(_WIDEST * cloud.size, _WIDEST_SPACINGS * spacing)
+    if config.radius is None:
+        closing = closing_radius(points, spacing, widest)
+        radius = closing or 2 * spacing
+    else:
+        radius = config.radius
+        closing = closing_radius(points, radius, radius)
+    if closing is None:
+        notes.append(
+            f"the points close around nothing at radii up to {config.radius or widest:.4g}: a sheet, or wide gaps"
+        )
+    if config.orient or (closing is None and config.open == "cap"):
+        outwards = None if closing is None else outward_vectors(points, offset_surface(points, radius), threads)
+        normals = oriented_normals(points, config.neighbours, outwards, threads)
+        notes.append("normals estimated; the surface is where their winding number is one half, which caps gaps")
+        oriented = PointCloud(points, normals, tuple(notes))
+        return winding_surface(oriented, OrientedPointsConfig.model_validate({}), "points", digest)
+    offset = offset_surface(points, radius, config.interior)
+    solid = closing is not None and config.interior == "fill"
+    if solid:
+        notes.append(f"dilated by {radius:.4g} and filled; the surface goes through the points")
+    else:
+        notes.append(
+            f"the surface is a closed shell at the distance {radius:.4g} around the points"
+            + ("" if closing else "; --open cap makes a capped solid of them instead")
+        )
+    planes = LocalPlanes(points, config.neighbours, outward_vectors(points, offset, threads))
+    return Surface(
+        representation="points",
+        base_mesh=DilationExtractor(offset),
+        projector=ShellProjector(planes, 0.0 if solid else radius, _LIMIT * radius),
+        fingerprint=digest,
+        training_defaults=POINTS_DEFAULTS,
+        sample=(lambda count, rng: (rng.choice(points, count), None)) if solid else None,
+        notes=tuple(notes),
+    )

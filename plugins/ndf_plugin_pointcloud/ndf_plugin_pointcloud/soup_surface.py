@@ -1,0 +1,154 @@
+"""Opening `soup`: triangles become a winding number, or a shell where that means nothing, and that a surface."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy import ndarray as Array
+from scipy.spatial import KDTree
+
+from ndf_core.errors import InputError
+from ndf_core.interfaces import Surface
+from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.kernels.winding import WindingTree
+from ndf_core.readers.mesh_file import read_mesh_file
+from ndf_core.readers.polygons import RawMesh
+from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, offset_surface
+from ndf_core.surfaces.fingerprint import fingerprint
+from ndf_plugin_pointcloud.defaults import WINDING_DEFAULTS
+from ndf_plugin_pointcloud.directions import Neighbourhood
+from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor, sample_by_landing
+from ndf_plugin_pointcloud.patches import orient_soup
+from ndf_plugin_pointcloud.shell import ClosestTriangles, ShellProjector
+from ndf_plugin_pointcloud.soup import SoupConfig
+from ndf_plugin_pointcloud.soup_projector import SoupProjector
+from ndf_plugin_pointcloud.tracing_projector import TracingProjector
+from ndf_plugin_pointcloud.triangles import Triangles, usable_triangles
+
+_SAMPLES = 300_000
+"""Points on the triangles: where the level set is looked for, and what is dilated."""
+_NEIGHBOURS = 50_000
+"""Points on the triangles among which the eight nearest neighbours of the paper are found."""
+_RAYS, _LIFT = 20_000, 1e-4
+"""Points from which it is looked whether a side sees the outside, and how far above the triangle, in sizes."""
+_BOUNDARY = 0.6
+"""Least share of the area seen from outside across which w - 1/2 has to change sign."""
+_RADIUS = 0.01
+"""Of a dilation, in sizes."""
+
+
+def open_soup(source: str | Path | object, config: SoupConfig) -> Surface:
+    """Open a file of triangles, or a pair of arrays (vertices (v, 3), faces (f, 3)).
+
+    Raises:
+        InputError: it cannot be read, or has no triangle with area.
+    """
+    if isinstance(source, str | Path):
+        raw, origin = read_mesh_file(Path(source)), str(source)
+    else:
+        raw, origin = _from_arrays(source), "the arrays"
+    read = usable_triangles(raw, origin)
+    digest = fingerprint("soup", config, [read.vertices, read.faces])
+    threads = torch.get_num_threads()
+    soup, turned = orient_soup(read, threads=threads)
+    tree = WindingTree.of_triangles(soup.vertices, soup.faces)
+    notes = [*read.notes, *turned]
+    if config.method == "auto":
+        share = boundary_share(soup, tree, threads)
+        if share < _BOUNDARY:
+            notes.append(
+                f"only {share:.0%} of the area seen from outside bounds what the winding number has inside: taken as "
+                "a dilation of the triangles (--method winding caps it instead)"
+            )
+            return _dilated(soup, config, digest, notes)
+    elif config.method == "dilation":
+        return _dilated(soup, config, digest, notes)
+    return _wound(soup, tree, config, digest, notes)
+
+
+def boundary_share(soup: Triangles, tree: WindingTree, threads: int = 1, seed: int = 0) -> float:
+    """Share of the area, as the outside sees it, that has w < 1/2 in front and w > 1/2 behind.
+
+    Each side of each piece of area counts as much as rays from there escape. 1 for a closed surface, about 1/2 or
+    less for a sheet, which is seen from behind as much as from in front.
+    """
+    points, normals, _ = soup.sample(_RAYS, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed + 1)
+    triangles = TriangleBVH(soup.vertices, soup.faces)
+    lift = _LIFT * soup.size
+    front = tree.values(points + lift * normals, threads) < 0.5
+    back = tree.values(points - lift * normals, threads) > 0.5
+    good = total = 0.0
+    for side in (1.0, -1.0):
+        ball = rng.standard_normal(points.shape)
+        ways = side * normals + ball / np.linalg.norm(ball, axis=1, keepdims=True) * (1 - 1e-6)
+        free = triangles.first_hit(points + side * lift * normals, ways, threads)[1] < 0
+        total += float(free.sum())
+        good += float((free & front & back).sum()) if side > 0 else 0.0
+    return good / total if total else 1.0
+
+
+def _wound(soup: Triangles, tree: WindingTree, config: SoupConfig, digest: str, notes: list[str]) -> Surface:
+    threads = torch.get_num_threads()
+    rng = np.random.default_rng(0)
+    near = np.concatenate([soup.sample(_SAMPLES, rng)[0], soup.vertices[soup.faces].mean(axis=1)])
+    extractor = WindingExtractor(tree, near, soup.size / config.resolution, config.resolution, threads)
+    points, normals, _ = soup.sample(_NEIGHBOURS, rng)
+    area = float(np.linalg.norm(soup.area_vectors, axis=1).sum()) / 2
+    radii = np.full(len(points), np.sqrt(area / len(points) / np.pi))
+    tracing = TracingProjector(tree, Neighbourhood(KDTree(points), normals, radii), soup.size)
+    projector = SoupProjector(soup, tree, tracing)
+    return Surface(
+        representation="soup",
+        base_mesh=extractor,
+        projector=projector,
+        fingerprint=digest,
+        training_defaults=WINDING_DEFAULTS,
+        sample=lambda count, generator: sample_by_landing(extractor, projector.land, count, generator),
+        notes=tuple(notes),
+    )
+
+
+def _dilated(soup: Triangles, config: SoupConfig, digest: str, notes: list[str]) -> Surface:
+    """The triangles' offset surface: a shell around sheets, the outer side of what closes up."""
+    radius = config.radius or _RADIUS * soup.size
+    points = _dense_samples(soup, radius)
+    offset = offset_surface(points, radius, config.interior)
+    closes = closing_radius(points, radius, radius) is not None
+    notes.append(
+        f"its surface is at the distance {radius:.4g} from the triangles"
+        + (", around what they enclose" if closes and config.interior == "fill" else "")
+    )
+    projector = ShellProjector(ClosestTriangles(soup.vertices, soup.faces), radius, 3 * radius)
+    return Surface(
+        representation="soup",
+        base_mesh=DilationExtractor(offset),
+        projector=projector,
+        fingerprint=digest,
+        training_defaults=WINDING_DEFAULTS,
+        sample=None,
+        notes=tuple(notes),
+    )
+
+
+def _dense_samples(soup: Triangles, radius: float) -> Float[Array, "n 3"]:
+    """Points on the triangles that are closer together than the radius, so that their balls make an even surface."""
+    area = float(np.linalg.norm(soup.area_vectors, axis=1).sum()) / 2
+    count = int(np.clip(16 * area / radius**2, 10_000, 2_000_000))
+    return np.concatenate([soup.sample(count, np.random.default_rng(0))[0], soup.vertices[np.unique(soup.faces)]])
+
+
+def _from_arrays(source: Any) -> RawMesh:
+    try:
+        vertices, faces = source
+        vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces)
+    except (TypeError, ValueError) as error:
+        raise InputError("soup: need a file, or a pair of arrays (vertices, faces)") from error
+    shaped = vertices.ndim == faces.ndim == 2 and vertices.shape[1] == faces.shape[1] == 3
+    if not shaped or faces.dtype.kind not in "iu" or not len(faces):
+        raise InputError("soup: need vertices (v, 3) of numbers and faces (f, 3) of integers, at least one")
+    return RawMesh(vertices, faces.astype(np.int64))
