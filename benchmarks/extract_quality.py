@@ -25,7 +25,9 @@ from ndf_core.asset.asset import Asset
 from ndf_core.errors import NdfError
 from ndf_core.extract.extract import extract_mesh
 from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.kernels.mesh_check import check_mesh, measure_mesh
 from ndf_core.mesh import topology
+from ndf_core.readers.mesh_file import read_mesh_file
 
 HERE = Path(__file__).resolve().parent
 STEPS = 800
@@ -75,6 +77,14 @@ def measure(asset: Asset, edge_length: float) -> dict[str, Any]:
     }
 
 
+def input_folds(path: Path) -> float:
+    """Folded area of the input itself: sharp edges of less than 60 degrees count, folds or not."""
+    mesh = read_mesh_file(path)
+    vertices, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    faces = number.ravel()[mesh.faces].astype(np.int32)
+    return measure_mesh(vertices, faces, check_mesh(faces, len(vertices)).twins).folded_area
+
+
 def fitted(mesh: Path, faces: int, folder: Path) -> Path:
     asset = folder / f"{mesh.stem}_{faces}.ndf"
     if not asset.exists():
@@ -94,7 +104,11 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "least_delaunay_extrinsic": min(row["delaunay_extrinsic"] for row in rows),
         "median_angle_p1": float(np.median([row["angle_p1"] for row in rows])),
         "angle_p1_below_10": sorted(row["shape"] for row in rows if row["angle_p1"] < 10),
-        "folded_above_1e-4": {row["shape"]: row["folded_area"] for row in rows if row["folded_area"] > 1e-4},
+        "folded_above_1e-4": {
+            row["shape"]: {"extracted": row["folded_area"], "input": row["input_folded_area"]}
+            for row in rows
+            if row["folded_area"] > 1e-4
+        },
         "intersecting": {row["shape"]: row["self_intersections"] for row in rows if row["self_intersections"]},
         "median_cpu_microseconds_per_vertex": float(np.median([row["cpu_microseconds_per_vertex"] for row in rows])),
     }
@@ -119,18 +133,23 @@ def main() -> None:
             except (NdfError, subprocess.CalledProcessError) as error:
                 print(f"{path.stem} at {faces} faces: {error}", file=sys.stderr)
                 continue
+            about = {"shape": path.stem, "base_faces": faces, "input_folded_area": input_folds(path)}
             for edge_length in options.lengths:
-                rows.append({"shape": path.stem, "base_faces": faces, **measure(asset, edge_length)})
+                rows.append({**about, **measure(asset, edge_length)})
                 print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
-    groups = {
-        f"{faces} faces, h = {length:g}": summary(group)
-        for faces in options.faces
-        for length in options.lengths
-        if (group := [row for row in rows if (row["base_faces"], row["edge_length"]) == (faces, length)])
-    }
-    options.output.parent.mkdir(exist_ok=True)
-    options.output.write_text(json.dumps({"summary": groups, "rows": rows}, indent=1) + "\n")
-    print(json.dumps(groups, indent=1))
+            write(options.output, rows)
+    print(json.dumps(write(options.output, rows), indent=1))
+
+
+def write(output: Path, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """All that is known by now; returns the summary."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(f"{row['base_faces']} faces, h = {row['edge_length']:g}", []).append(row)
+    result = {name: summary(group) for name, group in groups.items()}
+    output.parent.mkdir(exist_ok=True)
+    output.write_text(json.dumps({"summary": result, "rows": rows}, indent=1) + "\n")
+    return result
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ SHORT = 0.25
 """Vertices of edges shorter than this share of the limit are removed (Sec. 3.4)."""
 FLIP_ROUNDS = 12
 """Rounds of splitting at one limit in which edges are flipped too; later, flips might undo what it needs to end."""
+UNFOLD_ROUNDS = 4
 MAX_ROUNDS = 48
 """Halving an edge more often than this leaves the range where lengths mean anything."""
 
@@ -83,6 +85,7 @@ class Remeshing:
         self._split(limit)
         with self._stage("flip"):
             self._kernel.flip_to_delaunay(limit)
+        self._unfold(limit)
         with self._stage("sort"):
             return self._kernel.triangulation()
 
@@ -120,12 +123,20 @@ class Remeshing:
         with self._stage("flip"):
             self._kernel.flip_to_lower_energy(limit)
 
-    def _move(self) -> None:
+    def _unfold(self, limit: float) -> None:
+        """Flip edges and move vertices where faces lie folded over each other."""
+        for _ in range(UNFOLD_ROUNDS):
+            with self._stage("flip"):
+                flips = self._kernel.flip_to_unfold(limit)
+            if not self._move(limit, folded=True) and not flips:
+                return
+
+    def _move(self, limit: float = math.inf, folded: bool = False) -> int:
         with self._stage("move"):
-            centres = self._kernel.find_moves()
+            centres = self._kernel.find_moves(limit, folded)
         mapped = self._map(centres)
         with self._stage("move"):
-            self._kernel.move(mapped)
+            return self._kernel.move(mapped)
 
     def _map(self, points: BasePoints) -> Float[Array, "n 3"]:
         with self._stage("map"):

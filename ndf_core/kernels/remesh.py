@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -98,9 +99,13 @@ class RemeshKernel:
         """Put vertices at the places found last, which are mapped to `mapped`; the number that was refused."""
         return _remesh.split(self._state, np.ascontiguousarray(mapped, dtype=np.float64))
 
-    def find_moves(self) -> BasePoints:
-        """For every vertex that was put on an edge, the centre of the faces around it, for `move`."""
-        return self._places(_remesh.find_moves(self._state))
+    def find_moves(self, limit: float = math.inf, folded: bool = False) -> BasePoints:
+        """For every vertex that was put on an edge, the centre of the faces around it, for `move`.
+
+        Moves will leave no edge longer than `limit` at a vertex that moves. With `folded`, only vertices beside edges
+        whose faces lie folded over each other.
+        """
+        return self._places(_remesh.find_moves(self._state, folded, limit))
 
     def move(self, mapped: Float[Array, "n 3"]) -> int:
         """Move vertices to the places found last wherever that makes no face worse; how many were moved."""
@@ -115,11 +120,15 @@ class RemeshKernel:
 
         The energy is the sum over faces of area times squared edge lengths. No crease gets sharper than 60 degrees.
         """
-        return _remesh.flip(self._state, False, limit)
+        return _remesh.flip(self._state, 0, limit)
 
     def flip_to_delaunay(self, limit: float) -> int:
         """The same with another aim: that opposite angles in space add up to pi at most."""
-        return _remesh.flip(self._state, True, limit)
+        return _remesh.flip(self._state, 1, limit)
+
+    def flip_to_unfold(self, limit: float) -> int:
+        """The same for edges whose faces lie folded over each other, where that leaves no edge as sharp."""
+        return _remesh.flip(self._state, 2, limit)
 
     def sort(self) -> None:
         """Renumber everything by its place on the base mesh; passes over large meshes are twice as fast for it."""

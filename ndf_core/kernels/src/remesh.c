@@ -120,14 +120,16 @@ static PyObject *find_long(PyObject *self, PyObject *args)
     return done ? Py_BuildValue("ii", state->places.count, refused) : PyErr_NoMemory();
 }
 
-/* find_moves(state) -> places */
-static PyObject *find_shifts(PyObject *self, PyObject *capsule)
+/* find_moves(state, folded, limit) -> places */
+static PyObject *find_shifts(PyObject *self, PyObject *args)
 {
-    State *state = state_of(capsule);
-    int done;
-    if (!state) return NULL;
+    PyObject *capsule;
+    int folded, done;
+    double limit;
+    State *state;
+    if (!PyArg_ParseTuple(args, "Opd", &capsule, &folded, &limit) || !(state = state_of(capsule))) return NULL;
     Py_BEGIN_ALLOW_THREADS
-    done = find_moves(&state->mesh, &state->places);
+    done = find_moves(&state->mesh, folded, limit, &state->places);
     Py_END_ALLOW_THREADS
     return done ? PyLong_FromLong(state->places.count) : PyErr_NoMemory();
 }
@@ -197,14 +199,14 @@ static PyObject *remove_short(PyObject *self, PyObject *args)
     return PyLong_FromLong(removed);
 }
 
-/* flip(state, delaunay, limit) -> flips */
+/* flip(state, criterion, limit) -> flips */
 static PyObject *flip_better(PyObject *self, PyObject *args)
 {
     PyObject *capsule;
-    int delaunay;
+    int criterion;
     double limit;
     State *state;
-    if (!PyArg_ParseTuple(args, "Opd", &capsule, &delaunay, &limit) || !(state = state_of(capsule))) return NULL;
+    if (!PyArg_ParseTuple(args, "Oid", &capsule, &criterion, &limit) || !(state = state_of(capsule))) return NULL;
     size_t half_edges = 3 * (size_t)state->mesh.faces;
     uint8_t *waiting = malloc(half_edges + 1);
     int32_t *stack = malloc((half_edges + 1) * sizeof *stack);
@@ -212,7 +214,7 @@ static PyObject *flip_better(PyObject *self, PyObject *args)
     if (waiting && stack) {
         state->places.count = 0;
         Py_BEGIN_ALLOW_THREADS
-        flips = flip_edges(&state->mesh, delaunay ? DELAUNAY : ODT, limit, waiting, stack);
+        flips = flip_edges(&state->mesh, (Criterion)criterion, limit, waiting, stack);
         Py_END_ALLOW_THREADS
     }
     free(waiting);
@@ -311,12 +313,12 @@ static PyMethodDef methods[] = {
     {"size", size, METH_O, "size(state) -> (vertices, faces)"},
     {"measure", measure, METH_O, "measure(state) -> (area, longest edge)"},
     {"find_long", find_long, METH_VARARGS, "find_long(state, limit, along) -> (places, refused)"},
-    {"find_moves", find_shifts, METH_O, "find_moves(state) -> places"},
+    {"find_moves", find_shifts, METH_VARARGS, "find_moves(state, folded, limit) -> places"},
     {"places", places, METH_VARARGS, "places(state, faces, weights)"},
     {"split", split, METH_VARARGS, "split(state, mapped) -> refused"},
     {"move", move, METH_VARARGS, "move(state, mapped) -> moves"},
     {"remove_short", remove_short, METH_VARARGS, "remove_short(state, limit) -> removed"},
-    {"flip", flip_better, METH_VARARGS, "flip(state, delaunay, limit) -> flips"},
+    {"flip", flip_better, METH_VARARGS, "flip(state, criterion, limit) -> flips"},
     {"sort", sort, METH_O, "sort(state)"},
     {"export", export_arrays, METH_VARARGS, "export(state, faces, point_faces, weights, mapped)"},
     {"edges", edges, METH_VARARGS, "edges(state, twins, homes, vectors)"},

@@ -57,6 +57,7 @@ typedef struct {
     int32_t *item; /* half-edges or vertices */
     Point *point;  /* where they are to get a vertex, or to be */
     Vector *shift; /* of a vertex, in the plane of the face that it is in */
+    double limit;  /* moves may make no edge longer than this */
 } Places;
 
 static int places_add(Places *places, int32_t item, const Point *point, Vector shift)
@@ -162,8 +163,10 @@ static int32_t remove_short_edges(Triangulation *mesh, double limit)
 
 /* ---- flips ---- */
 
-typedef enum { ODT, DELAUNAY } Criterion;
+typedef enum { ODT, DELAUNAY, UNFOLD } Criterion;
 
+#define LEAST_GAIN 0.05
+#define FOLD -0.5  /* product of the unit normals of faces that count as folded over each other */
 #define CREASE 0.5 /* a flip may leave no two faces whose unit normals have a smaller product, unless they had before */
 
 static inline double bend(const Shape *one, const Shape *two)
@@ -171,10 +174,10 @@ static inline double bend(const Shape *one, const Shape *two)
     return dot3(one->normal, two->normal) / fmax(one->area * two->area, 1e-300);
 }
 
-/* Whether the sharpest edge of the diamond around h does not get sharper: `left` and `right` are its faces (a, b, c) and
- * (b, a, d), `first` and `second` (a, d, c) and (d, b, c). */
+/* Whether the sharpest edge of the diamond around h does not get sharper, or gets blunter by `gain`: `left` and `right`
+ * are its faces (a, b, c) and (b, a, d), `first` and `second` (a, d, c) and (d, b, c). */
 static int keeps_smooth(const Triangulation *mesh, int32_t h, const Shape *left, const Shape *right, const Shape *first,
-                        const Shape *second)
+                        const Shape *second, double gain)
 {
     int32_t g = mesh->twin[h];
     const int32_t sides[4] = {next(h), previous(h), next(g), previous(g)}; /* bc, ca, ad, db */
@@ -188,7 +191,7 @@ static int keeps_smooth(const Triangulation *mesh, int32_t h, const Shape *left,
         sharpest = fmin(sharpest, bend(before[i], &beyond));
         sharper = fmin(sharper, bend(after[i], &beyond));
     }
-    return sharper >= fmin(sharpest, CREASE);
+    return gain > 0 ? sharper >= sharpest + gain : sharper >= fmin(sharpest, CREASE);
 }
 
 static int gets_better(const Triangulation *mesh, int32_t h, Criterion criterion, double limit)
@@ -199,17 +202,19 @@ static int gets_better(const Triangulation *mesh, int32_t h, Criterion criterion
     double along = squared_distance(a, b);
     double at_c = squared_distance(c, a) + squared_distance(c, b) - along; /* positive where the angle is acute */
     double at_d = squared_distance(d, a) + squared_distance(d, b) - along;
-    if (at_c >= 0 && at_d >= 0) return 0;
+    if (criterion != UNFOLD && at_c >= 0 && at_d >= 0) return 0;
     double across = squared_distance(c, d);
     if (across > limit * limit && across > along) return 0;
     Shape left = shape_of(a, b, c), right = shape_of(b, a, d);
     if (criterion == DELAUNAY && at_c * right.area + at_d * left.area >= -1e-9 * left.area * right.area) return 0;
+    if (criterion == UNFOLD && bend(&left, &right) >= FOLD) return 0;
     Shape first = shape_of(a, d, c), second = shape_of(d, b, c);
     if (criterion == ODT) {
         double before = left.area * left.squares + right.area * right.squares;
         if (first.area * first.squares + second.area * second.squares >= before * (1 - 1e-9)) return 0;
     }
-    return first.area > 0 && second.area > 0 && keeps_smooth(mesh, h, &left, &right, &first, &second);
+    if (!(first.area > 0 && second.area > 0)) return 0;
+    return keeps_smooth(mesh, h, &left, &right, &first, &second, criterion == UNFOLD ? LEAST_GAIN : 0);
 }
 
 /* Flip edges while that makes the mapped mesh better, but none to more than `limit` unless it was longer. `waiting` has a
@@ -256,20 +261,39 @@ static Vector centring_shift(const Triangulation *mesh, int32_t v, const Star *s
     return total > 0 ? scaled(sum, 1 / (3 * total)) : sum;
 }
 
-/* Places for the vertices that may move. Returns 0 without memory. */
-static int find_moves(const Triangulation *mesh, Places *places)
+/* Mark the four vertices around every edge whose faces lie folded over each other. */
+static void mark_folded(const Triangulation *mesh, uint8_t *marks)
 {
+    for (int32_t h = 0; h < 3 * mesh->faces; h++) {
+        int32_t g = mesh->twin[h];
+        if (!is_edge(mesh, h) || g < 0) continue;
+        int32_t quad[4] = {mesh->corner[h], mesh->corner[g], mesh->corner[previous(h)], mesh->corner[previous(g)]};
+        Shape left = shape_of(mapped_at(mesh, quad[0]), mapped_at(mesh, quad[1]), mapped_at(mesh, quad[2]));
+        Shape right = shape_of(mapped_at(mesh, quad[1]), mapped_at(mesh, quad[0]), mapped_at(mesh, quad[3]));
+        if (bend(&left, &right) < FOLD)
+            for (int i = 0; i < 4; i++) marks[quad[i]] = 1;
+    }
+}
+
+/* Places for the vertices that may move, all or those beside folds. Returns 0 without memory. */
+static int find_moves(const Triangulation *mesh, int folded, double limit, Places *places)
+{
+    uint8_t *marks = calloc((size_t)mesh->vertices + 1, 1);
+    int done = marks != NULL;
     places->count = 0;
-    for (int32_t v = 0; v < mesh->vertices; v++) {
+    places->limit = limit;
+    if (done && folded) mark_folded(mesh, marks);
+    for (int32_t v = 0; done && v < mesh->vertices; v++) {
         Star star;
         Trace trace;
         Point point;
-        if (mesh->outgoing[v] < 0 || !find_star(mesh, v, &star)) continue;
+        if (marks[v] != folded || mesh->outgoing[v] < 0 || !find_star(mesh, v, &star)) continue;
         Vector shift = centring_shift(mesh, v, &star);
-        if (!star_sees(&star, shift) || !find_shifted(mesh, v, &star, shift, &trace, &point)) continue;
-        if (!places_add(places, v, &point, shift)) return 0;
+        if (star_sees(&star, shift) && find_shifted(mesh, v, &star, shift, &trace, &point))
+            done = places_add(places, v, &point, shift);
     }
-    return 1;
+    free(marks);
+    return done;
 }
 
 typedef struct {
@@ -299,9 +323,12 @@ static StarShape star_shape(const Triangulation *mesh, const Star *star, const d
 
 #define GOOD_SHAPE 0.2 /* area over squared edges; 0.29 in an equilateral triangle */
 
-/* Whether the faces around the vertex of `star` stay well shaped, or get better, and bend no more than before. */
-static int stays_good(const Triangulation *mesh, int32_t v, const Star *star, const double *position)
+/* Whether the faces around the vertex of `star` stay well shaped, or get better, and bend no more than before, and no
+ * edge gets longer than `limit`. */
+static int stays_good(const Triangulation *mesh, int32_t v, const Star *star, const double *position, double limit)
 {
+    for (int i = 0; i < star->count; i++)
+        if (squared_distance(position, mapped_at(mesh, end_of(mesh, star->half_edge[i]))) > limit * limit) return 0;
     Shape beyond[MOST_FACES];
     for (int i = 0; i < star->count; i++) {
         int32_t t = mesh->twin[next(star->half_edge[i])];
@@ -322,7 +349,7 @@ static int32_t move_vertices(Triangulation *mesh, const Places *places, const do
     for (int32_t i = 0; i < places->count; i++) {
         const double *position = mapped + 3 * (size_t)i;
         Star star;
-        if (find_star(mesh, places->item[i], &star) && stays_good(mesh, places->item[i], &star, position))
+        if (find_star(mesh, places->item[i], &star) && stays_good(mesh, places->item[i], &star, position, places->limit))
             moves += move_vertex(mesh, places->item[i], &star, places->shift[i], &places->point[i], position);
     }
     return moves;
