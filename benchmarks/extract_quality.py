@@ -4,7 +4,7 @@
 
 Assets are DIR/<stem>_<faces>.ndf; missing ones are fitted first, shortly (800 steps). Edge lengths are in the box of
 3. Everything is measured from the exported arrays. One row per mesh, and a summary per edge length, go to
-results/extract_quality.json.
+results/extract_quality.json; what is there already is kept, so a run can be stopped and continued.
 """
 
 from __future__ import annotations
@@ -121,12 +121,19 @@ def main() -> None:
     parser.add_argument("--faces", type=int, nargs="+", default=[1000, 2000, 8000])
     parser.add_argument("--lengths", type=float, nargs="+", default=[0.2, 0.1, 0.05, 0.02, 0.01])
     parser.add_argument("--only", nargs="+", help="stems of meshes")
+    parser.add_argument("--again", action="store_true", help="measure also what the output has already")
     parser.add_argument("--output", type=Path, default=HERE / "results" / "extract_quality.json")
     options = parser.parse_args()
     rows: list[dict[str, Any]] = []
+    if options.output.exists() and not options.again:
+        rows = json.loads(options.output.read_text())["rows"]
+    done = {(row["shape"], row["base_faces"], row["edge_length"]) for row in rows}
     for faces in options.faces:
         for path in sorted(options.data.iterdir()):
             if options.only and path.stem not in options.only:
+                continue
+            lengths = [length for length in options.lengths if (path.stem, faces, length) not in done]
+            if not lengths:
                 continue
             try:
                 asset = Asset.load(fitted(path, faces, options.assets))
@@ -134,7 +141,7 @@ def main() -> None:
                 print(f"{path.stem} at {faces} faces: {error}", file=sys.stderr)
                 continue
             about = {"shape": path.stem, "base_faces": faces, "input_folded_area": input_folds(path)}
-            for edge_length in options.lengths:
+            for edge_length in lengths:
                 rows.append({**about, **measure(asset, edge_length)})
                 print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
             write(options.output, rows)
