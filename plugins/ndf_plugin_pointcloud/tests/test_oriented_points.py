@@ -1,0 +1,133 @@
+"""Oriented points: the level set of their winding number, and projection onto it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from clouds import closest, cloud, near, off_surface, ring
+from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
+from ndf_plugin_pointcloud.oriented_surface import open_oriented_points
+from ndf_plugin_pointcloud.tracing_projector import TracingProjector
+
+from ndf_core.base_mesh.checks import check_base_mesh
+from ndf_core.errors import InputError
+from ndf_core.interfaces import Surface
+from ndf_core.kernels.winding import WindingTree
+
+CONFIG = OrientedPointsConfig(resolution=64)
+
+
+@pytest.fixture(scope="module")
+def shape() -> trimesh.Trimesh:
+    return ring()
+
+
+@pytest.fixture(scope="module")
+def surface(shape: trimesh.Trimesh) -> Surface:
+    return open_oriented_points(cloud(shape, 8000), CONFIG)
+
+
+def test_the_base_mesh_has_the_topology_of_the_shape(surface: Surface, shape: trimesh.Trimesh) -> None:
+    mesh = surface.base_mesh.extract(500)
+    check_base_mesh(mesh, euler_characteristic=0, components=1)
+    assert off_surface(shape, mesh.vertices).max() < 0.02
+
+
+def test_projections_land_on_the_shape(surface: Surface, shape: trimesh.Trimesh) -> None:
+    queries = near(shape, 2000, 0.01)
+    found = surface.projector.project(torch.from_numpy(queries))
+    assert found.converged.double().mean() > 0.999
+    distance = off_surface(shape, found.points.numpy())
+    assert distance.mean() < 3e-4
+    assert np.quantile(distance, 0.99) < 1.5e-3
+    assert found.normals is not None
+    face = closest(shape, found.points.numpy())[2]
+    assert np.einsum("nc,nc->n", found.normals.numpy(), shape.face_normals[face]).min() > 0.9
+
+
+def test_noise_and_turned_normals_are_averaged(shape: trimesh.Trimesh) -> None:
+    points, normals = cloud(shape, 8000)
+    rng = np.random.default_rng(0)
+    axis = np.cross(normals, rng.standard_normal(normals.shape))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    normals = np.cos(np.radians(10)) * normals + np.sin(np.radians(10)) * axis
+    points = points + 0.005 * shape.extents.max() * rng.standard_normal(points.shape)
+    noisy = open_oriented_points((points, normals), CONFIG)
+    found = noisy.projector.project(torch.from_numpy(near(shape, 2000, 0.01)))
+    assert off_surface(shape, found.points[found.converged].numpy()).mean() < 2.5e-3
+
+
+def test_projection_is_pure_and_idempotent(surface: Surface, shape: trimesh.Trimesh) -> None:
+    queries = torch.from_numpy(near(shape, 1500, 0.02))
+    kept = queries.clone()
+    found = surface.projector.project(queries)
+    assert torch.equal(queries, kept)
+    again = surface.projector.project(queries.flip(0))
+    assert torch.equal(again.points.flip(0), found.points)
+    assert torch.equal(surface.projector.project(queries[10:20]).points, found.points[10:20])
+    twice = surface.projector.project(found.points[found.converged])
+    moved = (twice.points - found.points[found.converged]).norm(dim=1)[twice.converged] / shape.extents.max()
+    assert float(moved.quantile(0.99)) < 1e-4
+    single = surface.projector.project(queries.float())
+    assert single.points.dtype == torch.float32
+
+
+def test_the_winding_number_crosses_a_half_where_rays_end(surface: Surface, shape: trimesh.Trimesh) -> None:
+    projector = surface.projector
+    assert isinstance(projector, TracingProjector)
+    queries = near(shape, 2000, 0.01)
+    found, _, converged = projector.land(queries)
+    way = found - queries
+    step = 1e-4 * shape.extents.max() * way / np.linalg.norm(way, axis=1, keepdims=True)
+    tree: WindingTree = projector._tree
+    changed = (tree.values(found - step) > 0.5) != (tree.values(found + step) > 0.5)
+    assert changed[converged].mean() > 0.999
+
+
+def test_normals_that_point_inwards_are_turned_over(shape: trimesh.Trimesh) -> None:
+    points, normals = cloud(shape, 3000)
+    surface = open_oriented_points((points, -normals), CONFIG)
+    assert "inwards" in surface.notes[0]
+    mesh = surface.base_mesh.extract(300)
+    check_base_mesh(mesh, euler_characteristic=0)
+
+
+def test_duplicates_count_once(shape: trimesh.Trimesh) -> None:
+    points, normals = cloud(shape, 3000)
+    twice = np.concatenate([points, points[:1000]]), np.concatenate([normals, normals[:1000]])
+    surface = open_oriented_points(twice, CONFIG)
+    assert surface.notes == ("1,000 points at the place of others merged with them",)
+    queries = torch.from_numpy(near(shape, 300, 0.01))
+    once = open_oriented_points((points, normals), CONFIG).projector.project(queries)
+    torch.testing.assert_close(surface.projector.project(queries).points, once.points)
+
+
+def test_samples_lie_on_the_level_set(surface: Surface, shape: trimesh.Trimesh) -> None:
+    assert surface.sample is not None
+    points, normals = surface.sample(2000, np.random.default_rng(0))
+    assert points.shape == (2000, 3) and normals is not None and normals.shape == (2000, 3)
+    assert off_surface(shape, points).mean() < 3e-4
+    # Even by area: a torus has more of it outside of its core circle than inside.
+    outside = np.hypot(points[:, 0] - 3, points[:, 1] + 2) > 1
+    assert abs(outside.mean() - (0.5 + 0.35 / np.pi)) < 0.04
+
+
+def test_what_is_no_oriented_cloud_is_refused(shape: trimesh.Trimesh) -> None:
+    points, normals = cloud(shape, 100)
+    for source, message in (
+        ((points, 0 * normals), "normals are zero"),
+        ((points[:5], normals[:5]), "5 distinct finite points"),
+        ((np.ones((50, 3)), np.ones((50, 3))), "1 distinct finite points"),
+        ((np.outer(np.arange(50.0), [1, 2, 3]), np.ones((50, 3))), "on a line"),
+        ((points, normals[:-1]), "need points"),
+        (points, "pair of arrays"),
+    ):
+        with pytest.raises(InputError, match=message):
+            open_oriented_points(source, CONFIG)
+
+
+def test_a_query_that_is_not_finite_is_refused(surface: Surface) -> None:
+    with pytest.raises(InputError, match="query point 1"):
+        surface.projector.project(torch.tensor([[0.0, 0, 0], [torch.nan, 0, 0]]))
