@@ -73,36 +73,36 @@ def find_region(density: Density, crop: Box | None, threshold: float | None, lea
 def background_cut(solid: Bool[Array, "x y z"]) -> tuple[slice, slice, slice] | None:
     """The part of the grid that one cut across an axis leaves of a solid with a background; None without background.
 
-    Of the six ways to cut, each takes away every slice that touches a side of the grid, and what lies beyond; that
-    which leaves the most of the solid is taken.
+    A background, a ground for example, has slices across some axis in which it meets all four sides of the grid. Cut
+    away is every slice that touches a side, and what lies beyond. Of all such cuts, that which leaves the most of the
+    solid is taken.
 
     Raises:
-        InputError: no cut leaves an object that touches no side.
+        InputError: something touches the sides, and no cut leaves an object that touches none.
     """
-    if not _touches(solid):
+    if not any(bool(np.moveaxis(solid, axis, 0)[[0, -1]].any()) for axis in range(3)):
         return None
     best: tuple[int, tuple[slice, slice, slice]] | None = None
     for axis in range(3):
         slices = np.moveaxis(solid, axis, 0)
-        touching = np.flatnonzero(slices[:, [0, -1], :].any(axis=(1, 2)) | slices[:, :, [0, -1]].any(axis=(1, 2)))
-        low_end, high_end = (touching[-1] + 1, touching[0]) if len(touching) else (1, len(slices) - 1)
-        for part, far in ((slice(int(low_end), None), slices[-1]), (slice(0, int(high_end)), slices[0])):
+        sides = np.stack([slices[:, 0].any(1), slices[:, -1].any(1), slices[:, :, 0].any(1), slices[:, :, -1].any(1)])
+        if not sides.all(axis=0).any():
+            continue
+        touching = np.flatnonzero(sides.any(axis=0))
+        for part, far in ((slice(int(touching[-1]) + 1, None), -1), (slice(0, int(touching[0])), 0)):
             amount = int(slices[part].sum())
-            if not far.any() and amount > max(_LEAST * solid.size, best[0] if best else 0):
+            if not slices[far].any() and amount > max(_LEAST * solid.size, best[0] if best else 0):
                 whole = [slice(None)] * 3
                 whole[axis] = part
                 best = amount, (whole[0], whole[1], whole[2])
     if best is None:
         raise InputError(
             "no closed object: what is dense runs through the sides of the box, and no cut across an axis leaves an "
-            "object that touches no side. A forward-facing capture (NDC) has none; otherwise give the box that holds "
-            "it, --crop x0,y0,z0,x1,y1,z1, which closes with flat caps what it cuts"
+            "object that touches no side. A forward-facing capture (NDC) has none. If the object is larger than the "
+            "box, enlarge it, --bounds '[[-2, -2, -2], [2, 2, 2]]'; otherwise give the box that holds the object, "
+            "--crop x0,y0,z0,x1,y1,z1, which closes with flat caps what it cuts"
         )
     return best[1]
-
-
-def _touches(solid: Bool[Array, "x y z"]) -> bool:
-    return any(bool(np.moveaxis(solid, axis, 0)[[0, -1]].any()) for axis in range(3))
 
 
 def _chosen(values: Float[Array, "x y z"], box: Box, threshold: float | None) -> float:

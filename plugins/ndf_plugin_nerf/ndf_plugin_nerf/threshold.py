@@ -27,4 +27,5 @@ def threshold_from_histogram(densities: Float[Array, "..."], size: float) -> flo
     matter = densities[densities > _MATTER / size]
     if not len(matter) or matter.max() <= _THINNEST / size:
         return None
-    return float(max(np.quantile(matter, _SHARE), _THINNEST / size))
+    # Of a solid with one density everywhere, half of it.
+    return float(max(min(np.quantile(matter, _SHARE), matter.max() / 2), _THINNEST / size))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from ndf_plugin_nerf import nerf
+from ndf_plugin_nerf import checkpoint, nerf, source
 from nerf_shapes import random_network
 
 import ndf_core
@@ -48,7 +48,7 @@ def test_files_cut_off_anywhere(tmp_path: Path, kind: str, bounded: None) -> Non
         whole.write_bytes(content[: len(content) * tenth // 10])
         nerf.sniff(whole)
         with pytest.raises(InputError, match=whole.name):
-            ndf_core.open(whole, repr="nerf", resolution=16)
+            source.read_density(whole, nerf.NerfConfig())
 
 
 @pytest.mark.parametrize("kind", ["npz", "zip", "legacy"])
@@ -60,7 +60,7 @@ def test_flipped_bytes_are_an_error_or_a_result(tmp_path: Path, kind: str, bound
         path.write_bytes(content[:place] + bytes([content[place] ^ 0xFF]) + content[place + 1 :])
         nerf.sniff(path)
         try:
-            ndf_core.open(path, repr="nerf", resolution=16, threshold=0.5, crop=(-0.5, -0.5, -0.5, 0.5, 0.5, 0.5))
+            source.read_density(path, nerf.NerfConfig())
         except InputError as error:
             assert str(error)
 
@@ -77,23 +77,24 @@ def test_a_legacy_checkpoint_that_claims_more_than_it_holds(tmp_path: Path, coun
         ndf_core.open(path, repr="nerf")
 
 
-def test_archives_that_unpack_to_gigabytes(tmp_path: Path, bounded: None) -> None:
+def test_archives_that_unpack_to_more_than_is_allowed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bounded: None
+) -> None:
+    monkeypatch.setattr(source, "MOST_BYTES", 64 << 20)
+    monkeypatch.setattr(checkpoint, "MOST_BYTES", 64 << 20)
     for name, member in (("bomb.npz", "layer1.weight.npy"), ("bomb.ckpt", "a/data.pkl")):
-        header = (
-            b"\x93NUMPY\x01\x00v\x00"
-            + b"{'descr': '<f4', 'fortran_order': False, 'shape': (65536, 8192), }".ljust(117)
-            + b"\n"
-        )
         with (
             zipfile.ZipFile(tmp_path / name, "w", zipfile.ZIP_DEFLATED) as archive,
             archive.open(member, "w") as file,
         ):
-            file.write(header)
-            for _ in range(2048):
+            np.lib.format.write_array_header_1_0(
+                file, {"descr": "<f4", "fortran_order": False, "shape": (65, 1 << 18)}
+            )
+            for _ in range(65):
                 file.write(bytes(1 << 20))
         nerf.sniff(tmp_path / name)
-        with pytest.raises(InputError, match=name):
-            ndf_core.open(tmp_path / name, repr="nerf")
+        with pytest.raises(InputError, match=rf"{name}: .*(allowed|64 MiB)"):
+            source.read_density(tmp_path / name, nerf.NerfConfig())
 
 
 @pytest.mark.parametrize(

@@ -92,11 +92,24 @@ def test_rays_end_at_their_reach() -> None:
 
 def test_a_floater_that_was_left_out_is_not_hit() -> None:
     shape = union(ball((0.0, 0.0, 0.0), 0.8), ball((0.0, 0.0, 1.2), 0.1))
-    above = torch.tensor([[0.0, 0.0, 1.05]], dtype=torch.float64)
+    above = torch.tensor([[0.0, 0.0, 1.22]], dtype=torch.float64)
     axis = torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64)
-    height = {least: float(projector(shape, least=least).project(above, axis).points[0, 2]) for least in (0.0, 0.05)}
-    assert height[0.0] == pytest.approx(1.1, abs=1e-4)
+    height = {
+        least: float(projector(shape, reach=0.6, least=least).project(above, axis).points[0, 2])
+        for least in (0.0, 0.05)
+    }
+    assert height[0.0] == pytest.approx(1.3, abs=1e-4)
     assert height[0.05] == pytest.approx(0.8, abs=1e-4)
+
+
+def test_of_two_walls_the_one_that_faces_the_same_way_is_found() -> None:
+    shape = union(ball((0.0, 0.0, -0.8), 0.6), ball((0.0, 0.0, 0.8), 0.6))  # at z = -0.2 and 0.2
+    between = torch.tensor([[0.0, 0.0, 0.1], [0.0, 0.0, 0.1]], dtype=torch.float64)
+    up_and_down = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], dtype=torch.float64)
+    found = projector(shape).project(between, up_and_down)
+    np.testing.assert_allclose(found.points[:, 2].numpy(), [-0.2, 0.2], atol=1e-4)
+    assert found.normals is not None
+    assert bool(((found.normals * up_and_down).sum(1) > 0.99).all())
 
 
 def test_directions_need_no_unit_length_but_one() -> None:

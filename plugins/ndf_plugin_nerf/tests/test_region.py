@@ -56,7 +56,7 @@ def test_backgrounds_are_cut_on_any_side(axis: int, turned: bool) -> None:
 
 
 def test_without_a_closed_object_there_is_an_error_that_says_what_to_do() -> None:
-    with pytest.raises(InputError, match=r"forward-facing.*--crop x0,y0,z0,x1,y1,z1"):
+    with pytest.raises(InputError, match=r"forward-facing.*--bounds.*--crop x0,y0,z0,x1,y1,z1"):
         find_region(density(ball((1.3, 0, 0), 1.0)), None, THRESHOLD, 0.05)
     cut = Box(np.array([0.0, -1.2, -1.2]), np.array([1.5, 1.2, 1.2]))
     assert find_region(density(ball((1.3, 0, 0), 1.0)), cut, THRESHOLD, 0.05).box.upper[0] == 1.5
