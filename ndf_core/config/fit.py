@@ -74,6 +74,12 @@ class FitConfig(BaseModel):
         le=64,
         description="steps that each sample serves for against the plane of one projection; 1 projects at every step",
     )
+    coverage_every: int = Field(
+        default=50,
+        ge=0,
+        le=1_000_000,
+        description="steps between looks for spots of the surface that the map leaves uncovered; 0 never looks",
+    )
     cycle_stride: int = Field(default=4, ge=1, le=1024, description="the cycle loss is taken on every n-th sample")
 
     identity_steps: int = Field(

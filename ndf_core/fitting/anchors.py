@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from ndf_core.errors import ConfigError
 from ndf_core.fitting.geometry import BaseGeometry
 from ndf_core.fitting.losses import Anchors
-from ndf_core.fitting.sampling import BasePoints
+from ndf_core.fitting.sampling import base_points_at
 from ndf_core.kernels.bvh import TriangleBVH
 
 _MOST_BYTES = 10_000_000
@@ -60,10 +60,5 @@ def place_anchors(
     """Anchors in the box frame: p goes to the closest base point, q is taken as it is."""
     tree = TriangleBVH(geometry.vertices.double().cpu().numpy(), geometry.faces.cpu().numpy())
     _, faces, barycentric = tree.closest((pairs[:, :3] - center) / scale)
-    device = geometry.device
-    base = BasePoints(
-        geometry,
-        torch.from_numpy(faces.astype(np.int64)).to(device),
-        torch.from_numpy(barycentric).float().to(device),
-    )
-    return Anchors(base, torch.from_numpy((pairs[:, 3:] - center) / scale).float().to(device))
+    targets = torch.from_numpy((pairs[:, 3:] - center) / scale).float().to(geometry.device)
+    return Anchors(base_points_at(geometry, faces, barycentric), targets)

@@ -111,7 +111,7 @@ def measure(
     """
     dense = dense_map(face_count, mapping)
     rng = np.random.default_rng(seed)
-    faces, barycentric, normals = _even_samples(dense, samples, rng)
+    faces, barycentric, normals = even_samples(dense, samples, rng)
     mapped = mapping(faces, barycentric).astype(np.float64)
     projector = BoxProjector(surface.projector, center, scale)
     directions = torch.from_numpy(normals) if projector.needs_directions else None
@@ -134,7 +134,7 @@ def measure(
     )
 
 
-def _even_samples(
+def even_samples(
     dense: DenseMap, count: int, rng: np.random.Generator
 ) -> tuple[Int[Array, " n"], Float[Array, "n 3"], Float[Array, "n 3"]]:
     """Base points even by area on the mapped surface, and the unit normals of the mapped triangles they lie in."""

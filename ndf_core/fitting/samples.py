@@ -4,6 +4,8 @@ Near the surface a projection is known for a while: as long as the mapped point 
 the plane through the last projection, to second order in the step along the surface. A step against planes costs no
 projection, which pays wherever projecting is dearer than training (CSG trees, ray marching); and the planes of some
 batches come from one call, which pays where a call is dear by itself.
+
+The last rows of a batch may be pulls (`coverage`): they go to a given point instead of their projection.
 """
 
 from __future__ import annotations
@@ -20,15 +22,29 @@ from ndf_core.fitting.sampling import BasePoints
 class Samples:
     """One batch."""
 
-    def __init__(self, base: BasePoints, planes: BoxProjection | None = None) -> None:
-        """`planes` are projections of the batch with normals; without them every step projects anew."""
+    def __init__(self, base: BasePoints, targets: Float[Tensor, "m 3"], planes: BoxProjection | None = None) -> None:
+        """`targets` are where the last m rows go; the others go to their projections.
+
+        `planes` are projections of the batch with normals; without them every step projects anew.
+        """
         self.base = base
+        self._targets = targets
         self._planes = planes
 
     def project(
         self, rows: slice, mapped: Float[Tensor, "n 3"], projector: Callable[[], BoxProjection]
     ) -> tuple[BoxProjection, bool]:
-        """Projections of the mapped points of `rows`, and whether `projector` was asked for them."""
+        """Where the mapped points of `rows` go, and whether `projector` was asked for them."""
+        projection, asked = self._projected(rows, mapped, projector)
+        pulls = len(self.base.face) - len(self._targets)
+        if rows.stop > pulls:
+            start = max(rows.start, pulls)
+            projection.points[start - rows.start :] = self._targets[start - pulls : rows.stop - pulls]
+        return projection, asked
+
+    def _projected(
+        self, rows: slice, mapped: Float[Tensor, "n 3"], projector: Callable[[], BoxProjection]
+    ) -> tuple[BoxProjection, bool]:
         if self._planes is None or self._planes.normals is None:
             return projector(), True
         points, converged = self._planes.points[rows], self._planes.converged[rows]

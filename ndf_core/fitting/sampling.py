@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import copy
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
+from numpy import ndarray as Array
 from torch import Tensor
 
 from ndf_core.errors import FitError
@@ -41,6 +43,25 @@ class BasePoints:
         part.face, part.barycentric = self.face[start:end], self.barycentric[start:end]
         part.batch = Batch(*(tensor[start:end] for tensor in self.batch))
         return part
+
+
+def base_points_at(geometry: BaseGeometry, face: Int[Array, " n"], barycentric: Float[Array, "n 3"]) -> BasePoints:
+    """Base points given as numpy arrays, on the geometry's device."""
+    device = geometry.device
+    return BasePoints(
+        geometry,
+        torch.from_numpy(face.astype(np.int64)).to(device),
+        torch.from_numpy(barycentric).float().to(device),
+    )
+
+
+def joined(geometry: BaseGeometry, *parts: BasePoints) -> BasePoints:
+    """The rows of all parts, in order."""
+    parts = tuple(part for part in parts if len(part.face)) or parts[:1]
+    if len(parts) == 1:
+        return parts[0]
+    face, barycentric = torch.cat([part.face for part in parts]), torch.cat([part.barycentric for part in parts])
+    return BasePoints(geometry, face, barycentric)
 
 
 def stratified(

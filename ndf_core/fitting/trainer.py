@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ndf_core.config.fit import FitConfig
 from ndf_core.errors import FitError
+from ndf_core.fitting.coverage import Coverage
 from ndf_core.fitting.geometry import BaseGeometry, mapped_frame
 from ndf_core.fitting.interrupts import held_interrupts
 from ndf_core.fitting.losses import Anchors, optional_gradient
@@ -21,7 +22,7 @@ from ndf_core.fitting.observer import Observer, TrainingProgress
 from ndf_core.fitting.optimizer import Optimizer, rate_factor
 from ndf_core.fitting.projection import BoxProjection, BoxProjector
 from ndf_core.fitting.samples import Samples
-from ndf_core.fitting.sampling import BasePoints, by_rejection, generator_at, mapped_areas, stratified
+from ndf_core.fitting.sampling import BasePoints, by_rejection, generator_at, joined, mapped_areas, stratified
 from ndf_core.fitting.step import FusedStep, tile_size
 
 _DENSITY_STEPS = 50
@@ -63,11 +64,14 @@ class Trainer:
         self.step_count = 0
         self.projected = 0
         self.converged = 0
+        self.pulled = 0
+        """Samples drawn so far that were pulled over an uncovered spot (`coverage`)."""
         self.projector = projector
         self.config = config
         self._observer = observer
         self.anchors = anchors
         self._optimizer = Optimizer(parameters, config)
+        self._coverage = Coverage(geometry, projector, config, threads)
         self._density = geometry.areas
         self._density_due = _DENSITY_STEPS
         # One worker per thread, each with whole torch operations on its own rows: unlike threads inside an operation
@@ -84,7 +88,8 @@ class Trainer:
         return {
             "parameters": self.parameters.flat,
             "density": self._density,
-            "counts": torch.tensor([self.step_count, self.projected, self.converged, self._density_due]),
+            "counts": torch.tensor([self.step_count, self.projected, self.converged, self.pulled, self._density_due]),
+            **self._coverage.state,
             **self._optimizer.state,
         }
 
@@ -92,7 +97,9 @@ class Trainer:
         """Go on from a checkpoint of the same run."""
         self.parameters.flat.copy_(state["parameters"])
         self._density = state["density"].to(self.geometry.device)
-        self.step_count, self.projected, self.converged, self._density_due = (int(n) for n in state["counts"])
+        counts = (int(n) for n in state["counts"])
+        self.step_count, self.projected, self.converged, self.pulled, self._density_due = counts
+        self._coverage.load_state(state)
         self._optimizer.load_state(state)
 
     def run(self, until: int, save: Callable[[], None]) -> None:
@@ -152,26 +159,22 @@ class Trainer:
         config, visits = self.config, self.config.projection_visits
         if self.step_count % (config.resample_every * visits**2) == 0 or not self._kept:
             if visits == 1:
-                self._kept = [Samples(self._draw(self.step_count))]
+                self._kept = [Samples(*self._draw(self.step_count))]
             else:
                 self._kept = self._with_planes([self._draw(self.step_count + i) for i in range(visits)])
         return self._kept[self.step_count // config.resample_every % visits]
 
-    def _with_planes(self, drawn: list[BasePoints]) -> list[Samples]:
-        base = BasePoints(
-            self.geometry,
-            torch.cat([points.face for points in drawn]),
-            torch.cat([points.barycentric for points in drawn]),
-        )
+    def _with_planes(self, drawn: list[tuple[BasePoints, Tensor]]) -> list[Samples]:
+        base = joined(self.geometry, *(points for points, _ in drawn))
         features = interpolate(self.parameters.features, base.batch.corners, base.barycentric)
         found = self.project(base, displace(self.parameters, base.batch.positions, features))
         if found.normals is None:
-            return [Samples(points) for points in drawn]
+            return [Samples(*batch) for batch in drawn]
         self.projected += len(found.converged)
         self.converged += int(found.converged.sum())
         size = self.config.batch
         planes = zip(found.points.split(size), found.converged.split(size), found.normals.split(size), strict=True)
-        return [Samples(points, BoxProjection(*part)) for points, part in zip(drawn, planes, strict=True)]
+        return [Samples(*batch, BoxProjection(*part)) for batch, part in zip(drawn, planes, strict=True)]
 
     def project(self, base: BasePoints, mapped: Tensor) -> BoxProjection:
         """Projections of mapped points, along the mapped normals where the projector wants them."""
@@ -182,15 +185,22 @@ class Trainer:
             ).frame.normal.detach()
         return self.projector.project(mapped, directions)
 
-    def _draw(self, stream: int) -> BasePoints:
+    def _draw(self, stream: int) -> tuple[BasePoints, Tensor]:
+        """Base points of a batch, and the targets of the last of them, which are pulls."""
         config = self.config
         generator = generator_at(config.seed, stream)
+        self._coverage.look(self.parameters, self.step_count)
+        count = config.batch - self._coverage.rows
         if config.sampling == "rejection":
-            return by_rejection(self.geometry, self.parameters, config.batch, generator)
-        if self.step_count >= self._density_due:
-            self._density = mapped_areas(self.geometry, self.parameters)
-            self._density_due = self.step_count + _DENSITY_STEPS
-        return stratified(self.geometry, self._density, config.batch, generator)
+            base = by_rejection(self.geometry, self.parameters, count, generator)
+        else:
+            if self.step_count >= self._density_due:
+                self._density = mapped_areas(self.geometry, self.parameters)
+                self._density_due = self.step_count + _DENSITY_STEPS
+            base = stratified(self.geometry, self._density, count, generator)
+        pulls = self._coverage.draw(generator)
+        self.pulled += config.batch - count
+        return joined(self.geometry, base, pulls.base), pulls.targets
 
     def _check_finite(self, sums: Progress) -> None:
         finite = sums.residual < float("inf") and sums.cycle < float("inf")

@@ -36,6 +36,7 @@ def tiny_config(**options: Any) -> FitConfig:
         "feature_dim": 4,
         "sampling": "stratified",
         "resample_every": 1,
+        "coverage_every": 0,
         "cycle_stride": 2,
         "identity_steps": 0,
         "feature_scale": 0.5,

@@ -246,6 +246,7 @@ class TestReport:
         assert (report["base_mesh"]["genus"], report["base_mesh"]["components"]) == (0, 1)
         assert report["asset_bytes"] == output.stat().st_size
         assert report["converged"] == 1.0
+        assert (report["projected"], report["left_out"], report["pulled"]) == (30 * 200, 0, 0)
         assert report["longest_side"] == pytest.approx(2 * RADIUS, rel=0.06)
         assert report["projection_rms"] == pytest.approx(
             report["projection_rms_relative"] * report["longest_side"], rel=1e-6

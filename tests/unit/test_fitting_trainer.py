@@ -276,7 +276,7 @@ class TestPlanes:
         base = stratified(geometry, geometry.areas, 90, generator_at(0, 0))
         mapped = base.batch.positions * 1.1
         projector = BoxProjector(inner, np.array([0.0, 0.0, CENTER[2]]), 1.0)
-        return Samples(base, projector.project(mapped)), mapped, projector
+        return Samples(base, torch.zeros(0, 3), projector.project(mapped)), mapped, projector
 
     def test_they_answer_to_second_order(self) -> None:
         """Moved by h along the sphere, the foot on the plane leaves the sphere by less than h^2."""
