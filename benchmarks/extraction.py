@@ -97,14 +97,23 @@ def on_surface(entry: dict[str, Any], meshed: Meshed, shape: Shape, reference: R
     }
 
 
-def run(shape: Shape, results: Path, kept: list[dict[str, Any]]) -> dict[str, Any]:
-    """Everything, or the asset's meshes beside `kept` runs of the alternatives."""
+def run(shape: Shape, results: Path, kept: list[dict[str, Any]]) -> None:
+    """Everything, or the asset's meshes beside `kept` runs of the alternatives; written after every mesh."""
     reference = reference_of(shape)
     print(f"{shape.name}: reference {reference.facts}", flush=True)
-    entries: list[dict[str, Any]] = []
+    entries = list(kept)
+    result = {
+        "shape": shape.name,
+        "neural": shape.neural,
+        "asset_bytes": shape.asset.stat().st_size,
+        "base_faces": len(Asset.load(shape.asset).content.faces),
+        "reference": reference.facts,
+        "runs": entries,
+    }
 
     def add(entry: dict[str, Any]) -> None:
         entries.append(entry)
+        results.write_text(json.dumps(result, indent=1) + "\n")
         shown = {key: entry[key] for key in ("geodesics_error", "spectrum_error") if key in entry}
         print(f"  {entry['method']} {entry['size']:g} {entry['vertices']:,}", shown, entry["seconds"], flush=True)
 
@@ -113,7 +122,6 @@ def run(shape: Shape, results: Path, kept: list[dict[str, Any]]) -> dict[str, An
             break
         entry = measure(meshed, reference, Operators)
         add(entry | {"vertices_on_surface": on_surface(entry, meshed, shape, reference)})
-    entries += kept
     for meshed in [] if kept else plain(shape):
         if len(meshed.faces) > MOST_FACES_SPECTRUM:
             break
@@ -127,16 +135,6 @@ def run(shape: Shape, results: Path, kept: list[dict[str, Any]]) -> dict[str, An
             except InputError as error:
                 add({"method": meshed.method, "size": meshed.size, "vertices": len(meshed.vertices),
                      "seconds": {}, "failed": str(error)})  # fmt: skip
-    result = {
-        "shape": shape.name,
-        "neural": shape.neural,
-        "asset_bytes": shape.asset.stat().st_size,
-        "base_faces": len(Asset.load(shape.asset).content.faces),
-        "reference": reference.facts,
-        "runs": entries,
-    }
-    results.write_text(json.dumps(result, indent=1) + "\n")
-    return result
 
 
 def main() -> None:
@@ -150,13 +148,8 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    found: list[dict[str, Any]] = []
-    for name in options.shapes:
+    for name in [] if options.summary_only else options.shapes:
         path = options.results / f"extraction_{name}.json"
-        if options.summary_only:
-            if path.exists():
-                found.append(json.loads(path.read_text()))
-            continue
         candidates = [folder / f"{name}_{faces}.ndf" for faces in options.faces for folder in options.assets or []]
         asset = next((candidate for candidate in candidates if candidate.exists()), None)
         if asset is None:
@@ -164,8 +157,10 @@ def main() -> None:
         start = time.perf_counter()
         kept = json.loads(path.read_text())["runs"] if options.only_ours else []
         others = [entry for entry in kept if entry["method"] != "ours"]
-        found.append(run(open_shape(options.data / SHAPES[name], asset), path, others))
+        run(open_shape(options.data / SHAPES[name], asset), path, others)
         print(f"{name}: {time.perf_counter() - start:.0f} s", flush=True)
+    paths = [options.results / f"extraction_{name}.json" for name in SHAPES]
+    found = [json.loads(path.read_text()) for path in paths if path.exists()]
     for result in found:
         draw(result, options.results / f"extraction_{result['shape']}.png")
     summary = summarise(found)

@@ -138,7 +138,14 @@ def draw(result: dict[str, Any], path: Path) -> None:
             for entry in result["runs"]
             if entry["method"] == "ours" and f"{task}_error" in entry["vertices_on_surface"]
         ]
-        axis.loglog(*zip(*moved, strict=True), ":", color="gray", lw=1.2, label="ours, vertices on the true surface")
+        axis.loglog(
+            [x for x, _ in moved],
+            [y for _, y in moved],
+            ":",
+            color="gray",
+            lw=1.2,
+            label="ours, vertices on the true surface",
+        )
         axis.set_xlabel("CPU seconds, extraction and solution")
         axis.set_ylabel(
             f"relative error, {'exact geodesics (L1)' if task == 'geodesics' else '20 eigenvalues (mean)'}"
