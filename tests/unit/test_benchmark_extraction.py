@@ -39,7 +39,8 @@ def test_dominated_points_lie_in_the_window_and_lose_both_ways() -> None:
 
 def test_speedups_compare_at_our_errors() -> None:
     found = summary.speedups(runs((1.0, 0.5), (2.0, 0.6), (4.0, 0.25), (8.0, 1e-3)), runs((10.0, 0.5), (40.0, 0.25)))
-    assert [(one["ratio"], one["error"]) for one in found] == [(10.0, 0.5), (10.0, 0.25), (None, 1e-3)]
+    assert [(one["ratio"], one["reached"]) for one in found] == [(10.0, True), (10.0, True), (5.0, False)]
+    assert found[-1]["best_error_of_alternatives"] == 0.25
 
 
 def test_error_ratio_at_equal_vertices() -> None:
