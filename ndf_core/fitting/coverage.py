@@ -29,7 +29,7 @@ from ndf_core.kernels.bvh import TriangleBVH
 
 _TRIANGLES = 20_000
 """Size of the mesh that finds the closest mapped points, before `closest_base_points` removes its chord error."""
-_FAR = 4.0
+_FAR = 5.0
 """Uncovered is what is farther from the map than this many times the map's rms distance from the surface."""
 _LEAST_FAR = 1e-5
 """... and than this, in the box: exact fits need no pulls."""
