@@ -10,7 +10,7 @@ import pytest
 from jaxtyping import Float
 from numpy import ndarray as Array
 from small_assets import icosphere, open_grid, small_content, torus
-from solids import min_angles
+from solids import box, min_angles
 
 from ndf_core.asset.asset import Asset
 from ndf_core.asset.content import AssetContent, QuantisedArray
@@ -76,6 +76,25 @@ def test_identity_reproduces_the_base_surface(mesh: str) -> None:
     kept = TriangleBVH(extracted.vertices, extracted.faces).closest(vertices)[0]
     np.testing.assert_allclose(kept, vertices, rtol=0, atol=1e-6)  # the corners of the base mesh
     assert extracted.statistics["folded_area"] == 0
+
+
+def box_points(content: AssetContent) -> Float[Array, "n 3"]:
+    """Points along the sharp edges: those between faces at right angles."""
+    corners = content.vertices * content.scale + content.center
+    ends = [(p, q) for p in corners for q in corners if np.count_nonzero(np.abs(p - q) > 1e-9) == 1]
+    return np.concatenate([p + np.linspace(0, 1, 50)[:, None] * (q - p) for p, q in ends])
+
+
+@pytest.mark.parametrize("edge_length", [0.5, 0.21, 0.1])
+def test_sharp_edges_of_a_box_stay_sharp(edge_length: float) -> None:
+    """Its twelve edges are edges of the base mesh: hardly a flip cuts them off, vertices slide along them only."""
+    content = small_content(box((1.0, 0.6, 0.8)), amplitude=0.0)
+    extracted = Asset(content).extract(edge_length)
+    expected = area(Asset(content).to_input(content.vertices), content.faces)
+    assert area(extracted.vertices, extracted.faces) == pytest.approx(expected, rel=2e-3)
+    distances = TriangleBVH(extracted.vertices, extracted.faces).closest(box_points(content))[0] - box_points(content)
+    assert np.mean(np.linalg.norm(distances, axis=1) < 1e-6) > 0.8
+    assert np.percentile(min_angles(extracted.vertices, extracted.faces), 1) > 20
 
 
 @pytest.mark.parametrize("mesh", MESHES)

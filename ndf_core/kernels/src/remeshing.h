@@ -165,9 +165,11 @@ static int32_t remove_short_edges(Triangulation *mesh, double limit)
 
 typedef enum { ODT, DELAUNAY, UNFOLD } Criterion;
 
-#define LEAST_GAIN 0.05
-#define FOLD -0.5  /* product of the unit normals of faces that count as folded over each other */
-#define CREASE 0.5 /* a flip may leave no two faces whose unit normals have a smaller product, unless they had before */
+#define FOLD -0.5       /* product of the unit normals of faces that count as folded over each other */
+#define CREASE 0.5      /* and of faces with a crease between them: 60 degrees */
+#define LEAST_GAIN 0.05 /* by which unfolding has to raise the smallest product around an edge */
+#define STILL_HELD -2.0 /* sum of the opposite cotangents down to which a crease is kept */
+#define STRAIGHT 0.02   /* distance of a vertex on a crease from its neighbours' line, over their distance */
 
 static inline double bend(const Shape *one, const Shape *two)
 {
@@ -207,7 +209,10 @@ static int gets_better(const Triangulation *mesh, int32_t h, Criterion criterion
     if (across > limit * limit && across > along) return 0;
     Shape left = shape_of(a, b, c), right = shape_of(b, a, d);
     if (criterion == DELAUNAY && at_c * right.area + at_d * left.area >= -1e-9 * left.area * right.area) return 0;
-    if (criterion == UNFOLD && bend(&left, &right) >= FOLD) return 0;
+    double bent = bend(&left, &right);
+    if (criterion == UNFOLD && bent >= FOLD) return 0;
+    /* Creases stay, since a flip would cut them off, unless their faces are thin. */
+    if (criterion != UNFOLD && bent < CREASE && at_c / left.area + at_d / right.area > 2 * STILL_HELD) return 0;
     Shape first = shape_of(a, d, c), second = shape_of(d, b, c);
     if (criterion == ODT) {
         double before = left.area * left.squares + right.area * right.squares;
@@ -246,19 +251,31 @@ static int64_t flip_edges(Triangulation *mesh, Criterion criterion, double limit
 /* ---- moves ---- */
 
 /* The shift that takes a vertex to the mean of the faces around it, weighted with their mapped areas: where the map is
- * affine, the same as that mean in the mapped mesh. */
-static Vector centring_shift(const Triangulation *mesh, int32_t v, const Star *star)
+ * affine, the same as that mean in the mapped mesh. On a crease, to the middle between its neighbours there, if these lie
+ * on a line with it. Returns 0 for ends, corners and turns of creases. */
+static int find_shift(const Triangulation *mesh, int32_t v, const Star *star, Vector *shift)
 {
-    Vector sum = {0, 0};
+    Shape shapes[MOST_FACES];
+    Vector sum = {0, 0}, crease[2] = {{0, 0}, {0, 0}};
     double total = 0;
+    int creases = 0;
     for (int i = 0; i < star->count; i++) {
         int k = i + 1 < star->count ? i + 1 : 0;
-        double area = shape_of(mapped_at(mesh, v), mapped_at(mesh, end_of(mesh, star->half_edge[i])),
-                               mapped_at(mesh, end_of(mesh, star->half_edge[k]))).area;
-        sum = plus(sum, scaled(plus(star->place[i], star->place[k]), area));
-        total += area;
+        shapes[i] = shape_of(mapped_at(mesh, v), mapped_at(mesh, end_of(mesh, star->half_edge[i])),
+                             mapped_at(mesh, end_of(mesh, star->half_edge[k])));
+        sum = plus(sum, scaled(plus(star->place[i], star->place[k]), shapes[i].area));
+        total += shapes[i].area;
     }
-    return total > 0 ? scaled(sum, 1 / (3 * total)) : sum;
+    for (int i = 0; i < star->count; i++)
+        if (bend(&shapes[i], &shapes[i > 0 ? i - 1 : star->count - 1]) < CREASE && creases++ < 2)
+            crease[creases - 1] = star->place[i];
+    *shift = total > 0 ? scaled(sum, 1 / (3 * total)) : sum;
+    if (creases == 0) return total > 0;
+    Vector line = minus(crease[1], crease[0]);
+    double width = cross(crease[0], crease[1]) / inner(line, line); /* distance of the vertex from the line, over its length */
+    if (creases != 2 || !(fabs(width) < STRAIGHT)) return 0;
+    *shift = scaled(line, inner(line, scaled(plus(crease[0], crease[1]), 0.5)) / inner(line, line));
+    return 1;
 }
 
 /* Mark the four vertices around every edge whose faces lie folded over each other. */
@@ -288,8 +305,8 @@ static int find_moves(const Triangulation *mesh, int folded, double limit, Place
         Trace trace;
         Point point;
         if (marks[v] != folded || mesh->outgoing[v] < 0 || !find_star(mesh, v, &star)) continue;
-        Vector shift = centring_shift(mesh, v, &star);
-        if (star_sees(&star, shift) && find_shifted(mesh, v, &star, shift, &trace, &point))
+        Vector shift;
+        if (find_shift(mesh, v, &star, &shift) && star_sees(&star, shift) && find_shifted(mesh, v, &star, shift, &trace, &point))
             done = places_add(places, v, &point, shift);
     }
     free(marks);
