@@ -26,12 +26,8 @@ class GridDensity(Density):
         finite = np.isfinite(values)
         self.replaced = int(values.size - finite.sum())
         x, y, z = values.shape
-        self._function = Trilinear(
-            Nodes(bounds, (x, y, z)), np.where(finite, values, 0).clip(-_LARGEST, _LARGEST).astype(np.float32)
-        )
-        self._lower, self._upper = bounds.lower, bounds.upper
+        samples = np.where(finite, values, 0).clip(-_LARGEST, _LARGEST).astype(np.float32)
+        self._function = Trilinear(Nodes(bounds, (x, y, z)), samples, beyond=0.0)
 
     def evaluate(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
-        lower, upper = (points.new_tensor(corner) for corner in (self._lower, self._upper))
-        within = ((points >= lower) & (points <= upper)).all(dim=1)
-        return self._function(points) * within
+        return self._function(points)

@@ -50,13 +50,13 @@ class Nodes:
 
 
 class Trilinear:
-    """A continuous function from its values at nodes; beyond the box, that of the nearest point of the box."""
+    """A continuous function from its values at nodes; beyond the box it is constant."""
 
-    def __init__(self, nodes: Nodes, values: Float[Array, "x y z"]) -> None:
-        """Take values at the nodes."""
-        self.nodes = nodes
+    def __init__(self, nodes: Nodes, values: Float[Array, "x y z"], beyond: float) -> None:
+        """Take values at the nodes, and the value beyond the box."""
+        self.nodes, self._beyond = nodes, beyond
         self._values = torch.from_numpy(np.ascontiguousarray(values, np.float32)).flatten()
-        self._lower = torch.from_numpy(nodes.box.lower)
+        self._lower, self._upper = (torch.from_numpy(corner) for corner in (nodes.box.lower, nodes.box.upper))
         self._per_unit = torch.from_numpy(1.0 / nodes.step)
         self._last = torch.tensor([count - 1 for count in nodes.counts], dtype=torch.float64)
         self._strides = (nodes.counts[1] * nodes.counts[2], nodes.counts[2], 1)
@@ -73,7 +73,8 @@ class Trilinear:
         for i, j, k in _CORNERS:
             corner = self._values[start + (i * self._strides[0] + j * self._strides[1] + k)]
             total += corner * weights[:, 0, i] * weights[:, 1, j] * weights[:, 2, k]
-        return total
+        beyond = ((points < self._lower) | (points > self._upper)).any(dim=1)
+        return total.masked_fill_(beyond, self._beyond)
 
     def gradients(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
         """Central differences over one cell to either side: smoother than the gradient inside a single cell."""

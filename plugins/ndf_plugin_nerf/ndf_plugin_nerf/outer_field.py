@@ -61,7 +61,7 @@ class OuterField:
         return self.values < 0
 
     def function(self) -> Trilinear:
-        return Trilinear(self.nodes, self.values)
+        return Trilinear(self.nodes, self.values, beyond=CLIP)
 
 
 def _dropped(kept: int, count: int, sizes: Array, nodes: Nodes) -> tuple[Remark, ...]:

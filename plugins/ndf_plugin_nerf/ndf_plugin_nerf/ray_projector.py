@@ -26,7 +26,7 @@ class RayProjector(Projector):
     outer field changes its sign. There the density itself is asked: within half a cell around that step it must cross
     the threshold, from outside to inside, and this crossing is refined. So the grid decides which crossing (the outer
     one), and the density where it is. Rows without a crossing within `reach`, or where the density has none at that
-    place, are not converged.
+    place, are not converged. Beyond the grid's box is outside, so flat caps close what it cuts.
 
     Normals are those of the field on the grid, smoothed over one cell. Computes on the CPU; queries on another device
     are copied there and back.
@@ -44,9 +44,11 @@ class RayProjector(Projector):
         """
         self._density, self._field = density, field.function()
         self._threshold = field.threshold
+        box = field.nodes.box
+        self._lower, self._upper = torch.from_numpy(box.lower), torch.from_numpy(box.upper)
         self._step = 0.5 * float(field.nodes.step.min())
         self._steps = max(1, round(reach / self._step))
-        self._tolerance = TOLERANCE * field.nodes.box.longest_side
+        self._tolerance = TOLERANCE * box.longest_side
 
     def project(self, points: Float[Tensor, "n 3"], directions: Float[Tensor, "n 3"] | None = None) -> Projection:
         if directions is None:
@@ -142,6 +144,7 @@ class RayProjector(Projector):
     def _excess(
         self, origin: Float[Tensor, "n 3"], along: Float[Tensor, "n 3"], places: Float[Tensor, "n k"]
     ) -> Float[Tensor, "n k"]:
-        """Density minus threshold at places on lines."""
-        at = origin[:, None, :] + places[:, :, None] * along[:, None, :]
-        return (self._density.values(at.flatten(0, 1)).double() - self._threshold).view(places.shape)
+        """Density minus threshold at places on lines; nothing beyond the box."""
+        at = (origin[:, None, :] + places[:, :, None] * along[:, None, :]).flatten(0, 1)
+        within = ((at >= self._lower) & (at <= self._upper)).all(dim=1)
+        return (torch.where(within, self._density.values(at).double(), 0.0) - self._threshold).view(places.shape)

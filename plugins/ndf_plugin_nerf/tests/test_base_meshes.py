@@ -60,7 +60,7 @@ def test_depth_maps_see_the_sphere_where_it_is() -> None:
     for camera in some[:3]:
         np.testing.assert_allclose(camera.axes @ camera.axes.T, np.eye(3), atol=1e-12)
         depth = depth_map(field.function(), camera).numpy().ravel()
-        points = camera.rays().numpy() + depth[:, None] * camera.axes[2].numpy()
+        points = camera.rays().numpy() + np.nan_to_num(depth, posinf=0.0)[:, None] * camera.axes[2].numpy()
         hit = np.isfinite(depth)
         np.testing.assert_allclose(np.linalg.norm(points[hit], axis=1), 1.0, atol=0.02)
         across = np.linalg.norm(np.cross(camera.rays().numpy(), camera.axes[2].numpy()[None]), axis=1)

@@ -112,6 +112,18 @@ def test_of_two_walls_the_one_that_faces_the_same_way_is_found() -> None:
     assert bool(((found.normals * up_and_down).sum(1) > 0.99).all())
 
 
+def test_what_the_box_cuts_has_a_flat_cap() -> None:
+    shape, box = density(ball()), Box(np.array([-1.5, -1.5, -0.3]), np.array([1.5, 1.5, 1.5]))
+    plane = RayProjector(shape, OuterField.of(shape, box, THRESHOLD, 48, 0.05), 0.4)
+    down = torch.tensor([[0.1, 0.0, -1.0]], dtype=torch.float64).expand(3, 3)
+    near = torch.tensor([[0.0, 0.2, -0.2], [0.3, 0.1, -0.5], [0.0, 0.0, -0.3]], dtype=torch.float64)
+    found = plane.project(near, down)
+    assert bool(found.converged.all())
+    np.testing.assert_allclose(found.points[:, 2].numpy(), -0.3, atol=1e-4)
+    assert found.normals is not None
+    assert float(found.normals[:, 2].max()) < -0.95
+
+
 def test_directions_need_no_unit_length_but_one() -> None:
     points, directions = around_unit_sphere(50, 0.2, 3)
     plane = projector(ball())
