@@ -43,8 +43,8 @@ def filter_splats(splats: Splats, config: GaussiansConfig, origin: str) -> tuple
     keep(np.ones(len(splats), dtype=bool), "")
     if config.crop is not None:
         low, high = np.array(config.crop[:3]), np.array(config.crop[3:])
-        within = np.logical_and(splats.centres >= low, splats.centres <= high).all(axis=1)
-        keep(within, "outside the crop box")
+        within = np.logical_and(splats.centres >= low, splats.centres <= high)
+        keep(np.asarray(within.all(axis=1)), "outside the crop box")
     keep(np.asarray(splats.opacities >= config.min_opacity), f"fainter than {config.min_opacity:g} (--min-opacity)")
     low, high = np.quantile(splats.centres, [_TAIL, 1 - _TAIL], axis=0)
     size = float((high - low).max())

@@ -8,22 +8,29 @@ import numpy as np
 
 from ndf_core.base_mesh.coarsen import coarsen
 from ndf_core.errors import InputError
-from ndf_core.interfaces import BaseMesh, BaseMeshExtractor, Projector, Surface
+from ndf_core.interfaces import BaseMesh, BaseMeshExtractor, Surface
 from ndf_core.surfaces.fingerprint import fingerprint
+from ndf_core.surfaces.level_set_projector import LevelSetProjector
+from ndf_core.surfaces.random_lines import sample_level_set
+from ndf_plugin_gaussians.centre_projector import CentreProjector
 from ndf_plugin_gaussians.dilated import dilated_solid
 from ndf_plugin_gaussians.filtering import filter_splats
-from ndf_plugin_gaussians.fitted import fitted_solid
 from ndf_plugin_gaussians.gaussians import TRAINING_DEFAULTS, GaussiansConfig
 from ndf_plugin_gaussians.grid import Grid
+from ndf_plugin_gaussians.height_field import HeightField
+from ndf_plugin_gaussians.heights import heights, middle_level
 from ndf_plugin_gaussians.layer import Boundary, visible_layer
 from ndf_plugin_gaussians.moving_planes import MovingPlanes
-from ndf_plugin_gaussians.projectors import CentreProjector, SmoothProjector
 from ndf_plugin_gaussians.readers.splat_file import read_splat_file
-from ndf_plugin_gaussians.solid import Solid, density_solid
+from ndf_plugin_gaussians.solid import Mesh, density_solid, meshed, without_crumbs
 from ndf_plugin_gaussians.splats import Splats
 from ndf_plugin_gaussians.surfels import Surfels, cut
 
-_LAYER = 1.0
+_OPAQUE = 0.5
+"""Centres of splats at least this opaque decide where in their skin the surface lies."""
+_CORRECTIONS = 1
+"""Steps of a projection towards the closest point: heights are nearly distances."""
+_LAYER = 0.75
 """Width of the cells that visible pieces are merged in, in cells of the grid."""
 _TAIL = 5e-4
 """Share of the pieces at either end of an axis that may lie beyond the grid."""
@@ -44,44 +51,46 @@ def open_gaussians(source: str | Path | object, config: GaussiansConfig) -> Surf
     else:
         raise InputError("gaussians: need a file of splats, or ndf_plugin_gaussians.splats.Splats")
     content = [splats.centres, splats.scales, splats.rotations, splats.opacities]
-    # About the middle, so that coordinates far from the origin lose nothing.
     kept, filtered = filter_splats(splats, config, origin)
     surfels, grid = _pieces(kept, config)
     if config.base_mesh == "density":
-        coarse, field = density_solid(surfels, grid, config.stands_on, config.min_component)
-        layer = visible_layer(surfels, Boundary(coarse), coarse.depth, _LAYER * grid.step)
-        planes = MovingPlanes(layer)
-        solid = fitted_solid(coarse, field, grid, planes, config.min_component)
+        solid = density_solid(surfels, grid, config.stands_on, config.min_component)
     else:
-        solid = dilated_solid(kept)
-        layer = visible_layer(surfels, Boundary(solid), solid.depth, _LAYER * grid.step)
-        planes = MovingPlanes(layer)
+        solid = dilated_solid(kept, grid, config.min_component)
+    outer = meshed(solid.field, grid)
+    boundary = Boundary(outer)
+    layer = visible_layer(surfels, boundary, solid.depth, _LAYER * grid.step)
+    field = heights(solid.field, grid, boundary, MovingPlanes(layer), solid.depth)
+    level = middle_level(field, grid, kept.centres[kept.opacities >= _OPAQUE])
+    surface = HeightField(field, grid, level)
+    smooth = config.projection == "smooth"
+    base = outer
+    if config.base_mesh == "density":
+        inner = np.clip((level - field) / grid.step, -1.0, 1.0)
+        base = meshed(without_crumbs(inner, config.min_component)[0], grid)
     invented = f"{layer.invented:.1%} of the surface has no splats near it and follows the solid that they enclose"
-    projector: Projector
-    if config.projection == "smooth":
-        projector = SmoothProjector(planes, Boundary(solid))
-    else:
-        projector = CentreProjector(kept.centres)
     return Surface(
         representation="gaussians",
-        base_mesh=SolidExtractor(solid),
-        projector=projector,
+        base_mesh=MeshedSolidExtractor(base),
+        projector=LevelSetProjector(surface, _CORRECTIONS) if smooth else CentreProjector(kept.centres),
         fingerprint=fingerprint("gaussians", config, content),
         training_defaults=TRAINING_DEFAULTS,
+        sample=(lambda count, rng: sample_level_set(surface, count, rng)) if smooth else None,
         notes=(*notes, *filtered, *solid.notes, *([invented] if layer.invented > 0 else [])),
     )
 
 
-class SolidExtractor(BaseMeshExtractor):
+class MeshedSolidExtractor(BaseMeshExtractor):
     """Base mesh of a solid: its boundary, coarsened."""
 
-    def __init__(self, solid: Solid) -> None:
-        self._solid = solid
+    def __init__(self, boundary: Mesh) -> None:
+        self._boundary = boundary
 
     def extract(self, max_faces: int, seed: int = 0) -> BaseMesh:
         """Return the base mesh; `seed` is not used, nothing here is random."""
         del seed
-        return coarsen(self._solid.vertices, self._solid.faces, max_faces, remarks=self._solid.remarks)
+        boundary = self._boundary
+        return coarsen(boundary.vertices, boundary.faces, max_faces, remarks=boundary.remarks)
 
 
 def _pieces(splats: Splats, config: GaussiansConfig) -> tuple[Surfels, Grid]:

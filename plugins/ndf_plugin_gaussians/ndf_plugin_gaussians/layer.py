@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from ndf_core.errors import InputError
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.mesh import face_normals
-from ndf_plugin_gaussians.solid import Solid
+from ndf_plugin_gaussians.solid import Mesh
 from ndf_plugin_gaussians.surfels import Surfels
 
 _SLACK = 1.15
@@ -30,13 +30,12 @@ _LEAST_AGREEMENT = 0.2
 class Boundary:
     """The solid's boundary as a guide: which way is outwards near it. Pure; input units."""
 
-    def __init__(self, solid: Solid) -> None:
-        self.vertices, self.faces = solid.vertices, solid.faces
-        # About the middle, so that coordinates far from the origin lose nothing.
-        self._tree = TriangleBVH(solid.vertices, solid.faces)
-        normals = face_normals(solid.vertices, solid.faces)
+    def __init__(self, mesh: Mesh) -> None:
+        self.vertices, self.faces = mesh.vertices, mesh.faces
+        self._tree = TriangleBVH(mesh.vertices, mesh.faces)
+        normals = face_normals(mesh.vertices, mesh.faces)
         total = np.stack(
-            [np.bincount(solid.faces.ravel(), np.repeat(normals[:, i], 3), len(solid.vertices)) for i in range(3)],
+            [np.bincount(mesh.faces.ravel(), np.repeat(normals[:, i], 3), len(mesh.vertices)) for i in range(3)],
             axis=1,
         )
         self.normals = unit(total)

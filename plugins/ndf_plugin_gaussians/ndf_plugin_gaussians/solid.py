@@ -39,20 +39,26 @@ _COMPLETE = 0.9
 
 @dataclass(frozen=True)
 class Solid:
-    """Its boundary as closed manifold triangles in input units, outwards."""
+    """A solid on a grid."""
+
+    field: Float[Array, "x y z"]
+    """Positive inside; zero at the boundary."""
+    depth: float
+    """How far below the boundary the visible splats lie, about; input units."""
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Closed manifold triangles in input units, outwards."""
 
     vertices: Float[Array, "v 3"]
     faces: Int[Array, "f 3"]
     remarks: tuple[Remark, ...]
-    notes: tuple[str, ...]
-    depth: float
-    """How far below the boundary the visible splats lie, about; input units."""
 
 
-def density_solid(
-    surfels: Surfels, grid: Grid, stands_on: str, min_component: float
-) -> tuple[Solid, Float[Array, "x y z"]]:
-    """The level set of the splats' opacity density, with what it hides; also the field, positive inside.
+def density_solid(surfels: Surfels, grid: Grid, stands_on: str, min_component: float) -> Solid:
+    """Where the splats' opacity density is high, with what that hides.
 
     The density is the sum of opacity times Gaussian, smoothed by a cell; the thinnest axis of a splat counts as at
     least as wide, without losing opacity. What is seen from less than a tenth of all directions past the opaque cells
@@ -83,7 +89,7 @@ def density_solid(
     if ground is not None:
         field = _cut_off(field, ground)
     field, note = without_crumbs(ndimage.gaussian_filter(field, _FAIRING), min_component)
-    return meshed(field, grid, (*notes, *note), OFFSET * grid.step), field
+    return Solid(field, OFFSET * grid.step, (*notes, *note))
 
 
 def _density(surfels: Surfels, grid: Grid) -> Float[Array, "x y z"]:
@@ -108,7 +114,15 @@ def _cut_off(field: Float[Array, "x y z"], ground: Side) -> Float[Array, "x y z"
 
 
 def without_crumbs(field: Float[Array, "x y z"], smallest: float) -> tuple[Float[Array, "x y z"], list[str]]:
-    """Without small components and without cavities."""
+    """Without small components and without cavities; also a note about those.
+
+    Args:
+        field: between about -1 and 1, positive inside.
+        smallest: least number of nodes of a component, as a share of the largest one's.
+
+    Raises:
+        BaseMeshError: nothing is inside.
+    """
     label, count = _labelled(field > 0)
     if not count:
         raise BaseMeshError("the splats hide nothing and are opaque hardly anywhere: there is no surface")
@@ -131,7 +145,7 @@ def _labelled(cells: Bool[Array, "x y z"]) -> tuple[Int[Array, "x y z"], int]:
     return label, int(ndimage.label(cells, output=label))  # pyright: ignore[reportArgumentType]  # a count, given output
 
 
-def meshed(field: Float[Array, "x y z"], grid: Grid, notes: tuple[str, ...], depth: float) -> Solid:
+def meshed(field: Float[Array, "x y z"], grid: Grid) -> Mesh:
     """The zero level set of a field that is positive inside.
 
     Raises:
@@ -145,4 +159,4 @@ def meshed(field: Float[Array, "x y z"], grid: Grid, notes: tuple[str, ...], dep
     vertices, faces, remarks = extractor.dense()
     # That handles as thin as a cell are not certain is no news: that is what they are cut for.
     told = tuple(remark for remark in remarks if remark.kind != "topology_not_settled")
-    return Solid(vertices, faces, told, notes, depth)
+    return Mesh(vertices, faces, told)

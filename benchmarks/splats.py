@@ -1,0 +1,207 @@
+"""Is the mesh of a file of splats an outer surface, and does it go through the splats?
+
+For every file: opens it as `gaussians`, fits 4,000 base faces (or takes an asset), extracts, and measures
+
+- `distance`: median distance from the opaque centres (opacity > 0.5) that the filter keeps to the mesh;
+- `residual`: median distance of the same centres from the plane through their 25 nearest; `ratio` is distance over
+  residual, lengths are shares of the longest side;
+- `solid`: share of 2,000 rays from outside that find solid (winding number of the mesh above 1/2) 2% of the longest
+  side behind their first hit.
+
+    python benchmarks/splats.py [FILE ...] [--steps N] [--option base_mesh=dilation ...] [--pictures FOLDER]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import igl
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from ndf_plugin_gaussians.filtering import filter_splats
+from ndf_plugin_gaussians.gaussians import GaussiansConfig
+from ndf_plugin_gaussians.readers.splat_file import read_splat_file
+from ndf_plugin_gaussians.splats import Splats
+from numpy import ndarray as Array
+from scipy.spatial import cKDTree
+
+import ndf_core
+from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.render.camera import Camera
+from ndf_core.render.panels import panels
+from ndf_core.render.png import write_png
+from ndf_core.render.raycast import render_mesh
+
+HERE = Path(__file__).resolve().parent
+OPAQUE = 0.5
+NEIGHBOURS = 25
+RAYS = 2000
+BEHIND = 0.02
+WIDTH, HEIGHT = 420, 600
+
+
+@dataclass(frozen=True)
+class Row:
+    """One file."""
+
+    file: str
+    options: dict[str, str]
+    splats: int
+    kept: int
+    distance: float
+    residual: float
+    ratio: float
+    solid: float
+    closed: bool
+    manifold: bool
+    components: int
+    genus: int
+    folded_area: float
+    converged: float
+    seconds_open: float
+    seconds_fit: float
+    asset_bytes: int
+    notes: tuple[str, ...]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--data", type=Path, default=HERE.parent.parent / "shared" / "data" / "splat")
+    parser.add_argument("--steps", type=int, default=2000)
+    parser.add_argument("--faces", type=int, default=4000)
+    parser.add_argument("--option", action="append", default=[], metavar="NAME=VALUE", help="of the representation")
+    parser.add_argument("--pictures", type=Path)
+    parser.add_argument("--output", type=Path, default=HERE / "results" / "splats.json")
+    arguments = parser.parse_args()
+    options = dict(text.split("=", 1) for text in arguments.option)
+    done = json.loads(arguments.output.read_text()) if arguments.output.exists() else []
+    for path in arguments.files or sorted(arguments.data.iterdir()):
+        row = asdict(measure_file(path, options, arguments.faces, arguments.steps, arguments.pictures))
+        same = [r for r in done if (r["file"], r["options"]) == (row["file"], row["options"])]
+        done = [r for r in done if r not in same] + [row]
+        print(" ".join(f"{key}={value:.4g}" if isinstance(value, float) else f"{key}={value}"
+                       for key, value in row.items() if key != "notes"), flush=True)  # fmt: skip
+        arguments.output.parent.mkdir(exist_ok=True)
+        arguments.output.write_text(json.dumps(sorted(done, key=lambda r: (r["file"], str(r["options"]))), indent=1))
+
+
+def measure_file(path: Path, options: dict[str, str], faces: int, steps: int, pictures: Path | None) -> Row:
+    """Fit, extract and measure one file; CPU seconds."""
+    torch.set_num_threads(1)
+    start = time.process_time()
+    surface = ndf_core.open(path, repr="gaussians", **options)
+    opened = time.process_time()
+    asset = ndf_core.fit(surface, faces=faces, steps=steps, threads=1)
+    fitted = time.process_time()
+    mesh = asset.extract()
+    splats = read_splat_file(path)[0]
+    kept = filter_splats(splats, GaussiansConfig.model_validate(options), str(path))[0]
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    centres = kept.centres[kept.opacities > OPAQUE]
+    distance = float(np.median(distances(mesh.vertices, mesh.faces, centres))) / size
+    residual = float(np.median(plane_residuals(centres))) / size
+    counts = mesh_counts(mesh.faces, len(mesh.vertices))
+    if pictures is not None:
+        pictures.mkdir(parents=True, exist_ok=True)
+        write_png(pictures / f"{path.name}.png", picture(kept, mesh.vertices, mesh.faces, path.name))
+    return Row(
+        file=path.name,
+        options=options,
+        splats=len(splats),
+        kept=len(kept),
+        distance=distance,
+        residual=residual,
+        ratio=distance / residual,
+        solid=solid_share(mesh.vertices, mesh.faces),
+        closed=bool(mesh.statistics["closed"]),
+        manifold=bool(mesh.statistics["manifold"]),
+        components=counts[0],
+        genus=counts[1],
+        folded_area=float(mesh.statistics["folded_area"]),
+        converged=float(asset.content.provenance["error"]["converged"]),
+        seconds_open=round(opened - start, 1),
+        seconds_fit=round(fitted - opened, 1),
+        asset_bytes=asset.size,
+        notes=surface.notes,
+    )
+
+
+def distances(
+    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], points: Float[Array, "n 3"]
+) -> Float[Array, " n"]:
+    return np.linalg.norm(TriangleBVH(vertices, faces).closest(points)[0] - points, axis=1)
+
+
+def plane_residuals(points: Float[Array, "n 3"]) -> Float[Array, " n"]:
+    """Distance of each point from the least-squares plane through its nearest neighbours, itself not among them."""
+    index = cKDTree(points).query(points, k=NEIGHBOURS + 1)[1][:, 1:]
+    near = points[index]
+    middle = near.mean(axis=1)
+    offset = near - middle[:, None]
+    normals = np.linalg.eigh(np.einsum("nkx,nky->nxy", offset, offset))[1][:, :, 0]
+    return np.abs(((points - middle) * normals).sum(axis=1))
+
+
+def solid_share(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], seed: int = 0) -> float:
+    """Share of random rays from outside that are inside the mesh just behind their first hit."""
+    rng = np.random.default_rng(seed)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    radius = float(np.linalg.norm(high - low))
+    tree = TriangleBVH(vertices, faces)
+    origins, directions, found = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+    while len(origins) < RAYS:
+        away = rng.standard_normal((4 * RAYS, 3))
+        start = (low + high) / 2 + radius * away / np.linalg.norm(away, axis=1, keepdims=True)
+        toward = low + (high - low) * rng.random((4 * RAYS, 3)) - start
+        toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+        hit = tree.first_hit(start, toward)[0]
+        met = np.isfinite(hit)
+        origins = np.concatenate([origins, start[met]])[:RAYS]
+        directions = np.concatenate([directions, toward[met]])[:RAYS]
+        found = np.concatenate([found, hit[met]])[:RAYS]
+    behind = origins + (found + BEHIND * float((high - low).max()))[:, None] * directions
+    winding = igl.fast_winding_number(vertices, faces.astype(np.int64), behind)
+    return float((np.asarray(winding).reshape(-1) > 0.5).mean())
+
+
+def mesh_counts(faces: Int[Array, "f 3"], vertex_count: int) -> tuple[int, int]:
+    """Components and total genus of a closed mesh."""
+    from ndf_core.mesh import topology
+
+    counts = topology(faces, vertex_count)
+    return counts.components, counts.genus
+
+
+def picture(splats: Splats, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], title: str) -> Array:
+    """Opaque centres in their colours beside the mesh, from the front and from below behind."""
+    turn = np.array([1.0, -1.0, -1.0])  # most files have y pointing down
+    front = Camera.framing(vertices * turn, (30, 15), aspect=WIDTH / HEIGHT)
+    shown = splats.take(splats.opacities > OPAQUE)
+    images = [centres_picture(shown.centres * turn, shown.colours, front)]
+    for view in ((30.0, 15.0), (200.0, -25.0)):
+        images.append(render_mesh(vertices * turn, faces, width=WIDTH, height=HEIGHT, view=view))
+    return panels(images, [f"{title}: opaque centres", "mesh", "from behind and below"])
+
+
+def centres_picture(points: Float[Array, "n 3"], colours: Float[Array, "n 3"], camera: Camera) -> Array:
+    """Squares of 3 x 3 pixels, near ones over far ones."""
+    place = (points - camera.eye) @ camera.axes.T
+    order = np.argsort(place[:, 2])
+    pixel = np.rint(camera.project(points[order], WIDTH, HEIGHT)).astype(np.int64)
+    image = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
+    paint = np.round(np.clip(colours[order], 0, 1) * 255).astype(np.uint8)
+    inside = ((pixel >= 1) & (pixel < [WIDTH - 1, HEIGHT - 1])).all(axis=1)
+    offsets = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
+    rows = (pixel[inside][:, None] + offsets).reshape(-1, 2)
+    image[rows[:, 1], rows[:, 0]] = np.repeat(paint[inside], len(offsets), axis=0)
+    return image
+
+
+if __name__ == "__main__":
+    main()
