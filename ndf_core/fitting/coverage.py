@@ -35,6 +35,8 @@ _LEAST_FAR = 1e-5
 """... and than this, in the box: exact fits need no pulls."""
 _MOST_ROWS = 16
 """At most one row in this many is a pull: early on, much lies far from the map, and projections do better."""
+_PULLING = 0.8
+"""Share of the run in which there are pulls."""
 _NEWTON_STEPS = 3
 _DAMPING = 1e-3
 
@@ -72,10 +74,13 @@ class Coverage:
         return min(math.ceil(share * self._config.batch), self._config.batch // _MOST_ROWS)
 
     def look(self, parameters: Parameters, step: int) -> None:
-        """Look again if it is time to."""
+        """Look again if it is time to. Near the end of the run there are no pulls, so that the map comes to rest."""
         if step < self._due:
             return
         self._due = step + self._config.coverage_every
+        if step >= _PULLING * self._config.steps:
+            self.pulls = self._none
+            return
         rng = np.random.default_rng((self._config.seed, step))
         found = uncovered(parameters, self._geometry, self._projector, self._candidates, rng, self._threads)
         self.pulls = found or self._none
