@@ -16,7 +16,7 @@ from ndf_core.asset.asset import Asset
 from ndf_core.cli import main
 
 KEYS = {"vertices", "faces", "edge_length", "manifold", "closed", "delaunay", "delaunay_extrinsic", "folded_area",
-        "seconds"}  # fmt: skip
+        "self_intersections", "seconds", "seconds_by_stage"}  # fmt: skip
 
 
 @pytest.fixture

@@ -119,7 +119,8 @@ static int64_t flip_to_delaunay(Triangulation *mesh, uint8_t *waiting, int32_t *
 static void measure_lengths(const Triangulation *mesh, const double *points)
 {
     for (int32_t h = 0; h < mesh->half_edges; h++) {
-        const double *p = points + 3 * (Py_ssize_t)mesh->corners[h], *q = points + 3 * (Py_ssize_t)mesh->corners[next(h)];
+        const double *p = points + 3 * (Py_ssize_t)mesh->corners[h];
+        const double *q = points + 3 * (Py_ssize_t)mesh->corners[next(h)];
         double x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2];
         mesh->lengths[h] = sqrt(x * x + y * y + z * z);
     }

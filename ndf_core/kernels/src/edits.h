@@ -1,7 +1,7 @@
 /* Flips, splits, removals and moves of vertices in a triangulation of a surface.
  *
- * An edge is changed only after the line that would replace it was followed to its end and found the right vertex there;
- * otherwise the edit is refused. Vectors are set to the unfolded position of that vertex, so nothing drifts.
+ * An edge is changed only after the line that would replace it was followed to its end and found the right vertex
+ * there; otherwise the edit is refused. Vectors are set to the unfolded position of that vertex, so nothing drifts.
  */
 #ifndef NDF_EDITS_H
 #define NDF_EDITS_H
@@ -27,8 +27,9 @@ static void set_edge(Triangulation *mesh, int32_t h, int32_t g, const Edge *edge
     link_twins(mesh, h, g);
 }
 
-/* Turn `vector`, which leaves `point` in face `*face`, anticlockwise by less than pi (a complex factor). Around a corner
- * of the surface the angle is not two pi, so the face that it leaves in has to be found. Returns 0 beyond a border. */
+/* Turn `vector`, which leaves `point` in face `*face`, anticlockwise by less than pi (a complex factor). Around a
+ * corner of the surface the angle is not two pi, so the face that it leaves in has to be found. Returns 0 beyond a
+ * border. */
 static int turn_vector(const Surface *surface, const Point *point, int32_t *face, Vector *vector, Vector factor)
 {
     *vector = times(*vector, factor);
@@ -97,8 +98,8 @@ static int find_flip(const Triangulation *mesh, int32_t h, Edge *edge)
     return find_edge_beside(mesh, previous(h), over(along, minus(a, c)), bottom, edge);
 }
 
-/* Faces (a, b, c) at h and (b, a, d) at its twin become (a, d, c) and (d, b, c). ca and db stay where they are; ad moves
- * to h and bc to the twin. `edge` runs from c to d. */
+/* Faces (a, b, c) at h and (b, a, d) at its twin become (a, d, c) and (d, b, c). ca and db stay where they are; ad
+ * moves to h and bc to the twin. `edge` runs from c to d. */
 static void flip(Triangulation *mesh, int32_t h, const Edge *edge)
 {
     int32_t g = mesh->twin[h], bc = next(h), ad = next(g);
@@ -133,7 +134,7 @@ static int find_middle(const Triangulation *mesh, int32_t h, Point *point)
 }
 
 typedef struct {
-    Edge first, second, up, down; /* from the start, to the end, to the corners on both sides; all from the new vertex */
+    Edge first, second, up, down; /* from the new vertex to the start, the end, and the corners on both sides */
 } Split;
 
 /* The four edges at `middle`, a point of h near its middle. */
@@ -312,7 +313,8 @@ static int star_sees(const Star *star, Vector shift)
 }
 
 /* Where a vertex gets that moves by `shift` in the plane of its star's face. */
-static int find_shifted(const Triangulation *mesh, int32_t v, const Star *star, Vector shift, Trace *trace, Point *point)
+static int find_shifted(const Triangulation *mesh, int32_t v, const Star *star, Vector shift, Trace *trace,
+                        Point *point)
 {
     Vector start;
     return place_in(mesh->surface, &mesh->point[v], star->face, &start)

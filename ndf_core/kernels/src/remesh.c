@@ -76,7 +76,7 @@ static PyObject *create(PyObject *self, PyObject *args)
     Array *x = a.array;
     if (x[1].rows > 1 << 28 || x[0].rows > 1 << 28 || x[2].rows != x[1].rows || x[3].rows != x[0].rows
         || !is_mesh(x[1].data, x[2].data, (int32_t)(3 * x[1].rows), x[0].rows)) {
-        PyErr_SetString(PyExc_ValueError, "faces and twins: need those of an oriented manifold that uses all positions");
+        PyErr_SetString(PyExc_ValueError, "faces, twins: need those of an oriented manifold that uses all positions");
     } else {
         State *state = state_create(&x[0], &x[1], &x[2], &x[3]);
         capsule = state ? PyCapsule_New(state, CAPSULE, capsule_free) : PyErr_NoMemory();
@@ -281,7 +281,8 @@ static PyObject *edges(PyObject *self, PyObject *args)
     Array *x = a.array;
     const Triangulation *mesh = &state->mesh;
     size_t half_edges = 3 * (size_t)mesh->faces;
-    if (mesh->used_faces != mesh->faces || x[0].rows != mesh->faces || x[1].rows != mesh->faces || x[2].rows != mesh->faces) {
+    Py_ssize_t rows = mesh->faces;
+    if (mesh->used_faces != rows || x[0].rows != rows || x[1].rows != rows || x[2].rows != rows) {
         PyErr_Format(PyExc_ValueError, "sort the state first; need rows for %d faces", mesh->used_faces);
     } else {
         memcpy(x[0].data, mesh->twin, half_edges * sizeof *mesh->twin);

@@ -108,8 +108,9 @@ static void mark_along(const Triangulation *mesh, uint8_t *marks, int32_t face)
 /* Middles of the edges that are longer than `limit`, and with `along` also of the edges along thin faces beside them.
  * The ends of an edge may meet where the surface between them is far away, and then all points near the edge are far
  * from them: the faces beside it would be split for ever, into ever thinner ones. With `along` (Rivara's longest-edge
- * propagation, for thin faces) every split takes a fixed share of a face's area or of its length, so splitting ends once
- * the faces are small enough for a Lipschitz map. Returns 0 without memory; `refused` counts edges without a middle. */
+ * propagation, for thin faces) every split takes a fixed share of a face's area or of its length, so splitting ends
+ * once the faces are small enough for a Lipschitz map. Returns 0 without memory; `refused` counts edges without a
+ * middle. */
 static int find_long_edges(const Triangulation *mesh, double limit, int along, Places *places, int32_t *refused)
 {
     size_t half_edges = 3 * (size_t)mesh->faces;
@@ -222,8 +223,8 @@ static int gets_better(const Triangulation *mesh, int32_t h, Criterion criterion
     return keeps_smooth(mesh, h, &left, &right, &first, &second, criterion == UNFOLD ? LEAST_GAIN : 0);
 }
 
-/* Flip edges while that makes the mapped mesh better, but none to more than `limit` unless it was longer. `waiting` has a
- * byte per half-edge, `stack` an entry. Returns the number of flips. */
+/* Flip edges while that makes the mapped mesh better, but none to more than `limit` unless it was longer. `waiting` has
+ * a byte per half-edge, `stack` an entry. Returns the number of flips. */
 static int64_t flip_edges(Triangulation *mesh, Criterion criterion, double limit, uint8_t *waiting, int32_t *stack)
 {
     int32_t count = 0;
@@ -251,8 +252,8 @@ static int64_t flip_edges(Triangulation *mesh, Criterion criterion, double limit
 /* ---- moves ---- */
 
 /* The shift that takes a vertex to the mean of the faces around it, weighted with their mapped areas: where the map is
- * affine, the same as that mean in the mapped mesh. On a crease, to the middle between its neighbours there, if these lie
- * on a line with it. Returns 0 for ends, corners and turns of creases. */
+ * affine, the same as that mean in the mapped mesh. On a crease, to the middle between its neighbours there, if these
+ * lie on a line with it. Returns 0 for ends, corners and turns of creases. */
 static int find_shift(const Triangulation *mesh, int32_t v, const Star *star, Vector *shift)
 {
     Shape shapes[MOST_FACES];
@@ -272,8 +273,7 @@ static int find_shift(const Triangulation *mesh, int32_t v, const Star *star, Ve
     *shift = total > 0 ? scaled(sum, 1 / (3 * total)) : sum;
     if (creases == 0) return total > 0;
     Vector line = minus(crease[1], crease[0]);
-    double width = cross(crease[0], crease[1]) / inner(line, line); /* distance of the vertex from the line, over its length */
-    if (creases != 2 || !(fabs(width) < STRAIGHT)) return 0;
+    if (creases != 2 || !(fabs(cross(crease[0], crease[1])) < STRAIGHT * inner(line, line))) return 0;
     *shift = scaled(line, inner(line, scaled(plus(crease[0], crease[1]), 0.5)) / inner(line, line));
     return 1;
 }
@@ -306,7 +306,8 @@ static int find_moves(const Triangulation *mesh, int folded, double limit, Place
         Point point;
         if (marks[v] != folded || mesh->outgoing[v] < 0 || !find_star(mesh, v, &star)) continue;
         Vector shift;
-        if (find_shift(mesh, v, &star, &shift) && star_sees(&star, shift) && find_shifted(mesh, v, &star, shift, &trace, &point))
+        if (find_shift(mesh, v, &star, &shift) && star_sees(&star, shift)
+            && find_shifted(mesh, v, &star, shift, &trace, &point))
             done = places_add(places, v, &point, shift);
     }
     free(marks);
@@ -366,8 +367,9 @@ static int32_t move_vertices(Triangulation *mesh, const Places *places, const do
     for (int32_t i = 0; i < places->count; i++) {
         const double *position = mapped + 3 * (size_t)i;
         Star star;
-        if (find_star(mesh, places->item[i], &star) && stays_good(mesh, places->item[i], &star, position, places->limit))
-            moves += move_vertex(mesh, places->item[i], &star, places->shift[i], &places->point[i], position);
+        int32_t v = places->item[i];
+        if (find_star(mesh, v, &star) && stays_good(mesh, v, &star, position, places->limit))
+            moves += move_vertex(mesh, v, &star, places->shift[i], &places->point[i], position);
     }
     return moves;
 }

@@ -172,8 +172,8 @@ static int triangulation_create(Triangulation *mesh, const Surface *surface, int
 
 /* ---- order in memory ---- */
 
-/* The slots in use, sorted by their place on the surface: `bucket` is its face, negative for a freed slot. `number` gets
- * the new slot of each, `starts` is scratch of an entry per face of the surface and one. */
+/* The slots in use, sorted by their place on the surface: `bucket` is its face, negative for a freed slot. `number`
+ * gets the new slot of each, `starts` is scratch of an entry per face of the surface and one. */
 static void order_slots(const Surface *surface, const int32_t *bucket, size_t stride, int32_t count, int32_t *order,
                         int32_t *number, int32_t *starts)
 {
@@ -193,50 +193,57 @@ static int reorder(void **array, const int32_t *order, int32_t count, int32_t ca
 {
     char *sorted = malloc(((size_t)capacity + 1) * size);
     if (!sorted) return 0;
-    for (int32_t i = 0; i < count; i++) memcpy(sorted + size * (size_t)i, (char *)*array + size * (size_t)order[i], size);
+    for (int32_t i = 0; i < count; i++)
+        memcpy(sorted + size * (size_t)i, (char *)*array + size * (size_t)order[i], size);
     free(*array);
     *array = sorted;
     return 1;
 }
 
-/* Renumber so that neighbours on the surface are neighbours in memory, which is what passes over large meshes cost, and
- * no slot is free. Returns 0 without memory: then the mesh is only good for being freed. */
+static int sort_faces(Triangulation *mesh, int32_t *order, int32_t *number, int32_t *starts)
+{
+    for (int32_t f = 0; f < mesh->faces; f++)
+        if (mesh->corner[3 * f] < 0) mesh->home[3 * f] = NONE;
+    order_slots(mesh->surface, mesh->home, 3, mesh->faces, order, number, starts);
+    for (int32_t h = 0; h < 3 * mesh->faces; h++)
+        if (mesh->twin[h] >= 0) mesh->twin[h] = 3 * number[mesh->twin[h] / 3] + mesh->twin[h] % 3;
+    for (int32_t v = 0; v < mesh->vertices; v++)
+        if (mesh->outgoing[v] >= 0) mesh->outgoing[v] = 3 * number[mesh->outgoing[v] / 3] + mesh->outgoing[v] % 3;
+    mesh->faces = mesh->used_faces;
+    mesh->free_face = NONE;
+    return reorder((void **)&mesh->corner, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->corner)
+        && reorder((void **)&mesh->twin, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->twin)
+        && reorder((void **)&mesh->home, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->home)
+        && reorder((void **)&mesh->vector, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->vector);
+}
+
+/* After `sort_faces`: every face is in use. */
+static int sort_vertices(Triangulation *mesh, int32_t *order, int32_t *number, int32_t *starts)
+{
+    for (int32_t v = 0; v < mesh->vertices; v++)
+        if (mesh->outgoing[v] < 0) mesh->point[v].face = NONE;
+    const char *bucket = (const char *)mesh->point + offsetof(Point, face);
+    order_slots(mesh->surface, (const int32_t *)bucket, sizeof(Point) / 4, mesh->vertices, order, number, starts);
+    for (int32_t h = 0; h < 3 * mesh->faces; h++) mesh->corner[h] = number[mesh->corner[h]];
+    mesh->vertices = mesh->used_vertices;
+    mesh->free_vertex = NONE;
+    return reorder((void **)&mesh->point, order, mesh->vertices, mesh->vertex_capacity, sizeof *mesh->point)
+        && reorder((void **)&mesh->mapped, order, mesh->vertices, mesh->vertex_capacity, 3 * sizeof *mesh->mapped)
+        && reorder((void **)&mesh->outgoing, order, mesh->vertices, mesh->vertex_capacity, sizeof *mesh->outgoing)
+        && reorder((void **)&mesh->border, order, mesh->vertices, mesh->vertex_capacity, sizeof *mesh->border);
+}
+
+/* Renumber so that neighbours on the surface are neighbours in memory, which is what passes over large meshes cost,
+ * and no slot is free. Returns 0 without memory: then the mesh is only good for being freed. */
 static int triangulation_sort(Triangulation *mesh)
 {
-    int32_t faces = mesh->used_faces, vertices = mesh->used_vertices, most = mesh->faces > mesh->vertices ? mesh->faces : mesh->vertices;
-    int32_t *order = malloc(((size_t)most + 1) * 4), *face = malloc(((size_t)mesh->faces + 1) * 4);
-    int32_t *vertex = malloc(((size_t)mesh->vertices + 1) * 4), *starts = malloc(((size_t)mesh->surface->faces + 1) * 4);
-    int done = order && face && vertex && starts;
-    if (done) {
-        for (int32_t f = 0; f < mesh->faces; f++)
-            if (mesh->corner[3 * f] < 0) mesh->home[3 * f] = NONE;
-        order_slots(mesh->surface, mesh->home, 3, mesh->faces, order, face, starts);
-        for (int32_t h = 0; h < 3 * mesh->faces; h++)
-            if (mesh->twin[h] >= 0) mesh->twin[h] = 3 * face[mesh->twin[h] / 3] + mesh->twin[h] % 3;
-        for (int32_t v = 0; v < mesh->vertices; v++)
-            if (mesh->outgoing[v] >= 0) mesh->outgoing[v] = 3 * face[mesh->outgoing[v] / 3] + mesh->outgoing[v] % 3;
-        done = reorder((void **)&mesh->corner, order, faces, mesh->face_capacity, 3 * sizeof *mesh->corner)
-            && reorder((void **)&mesh->twin, order, faces, mesh->face_capacity, 3 * sizeof *mesh->twin)
-            && reorder((void **)&mesh->home, order, faces, mesh->face_capacity, 3 * sizeof *mesh->home)
-            && reorder((void **)&mesh->vector, order, faces, mesh->face_capacity, 3 * sizeof *mesh->vector);
-    }
-    if (done) {
-        for (int32_t v = 0; v < mesh->vertices; v++)
-            if (mesh->outgoing[v] < 0) mesh->point[v].face = NONE;
-        const char *bucket = (const char *)mesh->point + offsetof(Point, face);
-        order_slots(mesh->surface, (const int32_t *)bucket, sizeof(Point) / 4, mesh->vertices, order, vertex, starts);
-        for (int32_t h = 0; h < 3 * faces; h++) mesh->corner[h] = vertex[mesh->corner[h]];
-        done = reorder((void **)&mesh->point, order, vertices, mesh->vertex_capacity, sizeof *mesh->point)
-            && reorder((void **)&mesh->mapped, order, vertices, mesh->vertex_capacity, 3 * sizeof *mesh->mapped)
-            && reorder((void **)&mesh->outgoing, order, vertices, mesh->vertex_capacity, sizeof *mesh->outgoing)
-            && reorder((void **)&mesh->border, order, vertices, mesh->vertex_capacity, sizeof *mesh->border);
-    }
-    mesh->faces = faces;
-    mesh->vertices = vertices;
-    mesh->free_face = mesh->free_vertex = NONE;
+    size_t most = (size_t)(mesh->faces > mesh->vertices ? mesh->faces : mesh->vertices) + 1;
+    int32_t *order = malloc(most * sizeof *order), *number = malloc(most * sizeof *number);
+    int32_t *starts = malloc(((size_t)mesh->surface->faces + 1) * sizeof *starts);
+    int done = order && number && starts && sort_faces(mesh, order, number, starts)
+        && sort_vertices(mesh, order, number, starts);
     free(order);
-    free(face);
-    free(vertex);
+    free(number);
     free(starts);
     return done;
 }

@@ -66,7 +66,8 @@ static int relaxed_lengths(const Surface *surface, const double *positions, doub
     int32_t half_edges = 3 * surface->faces;
     double total = 0, missing = 0;
     for (int32_t h = 0; h < half_edges; h++) {
-        const double *p = positions + 3 * (size_t)surface->corners[h], *q = positions + 3 * (size_t)surface->corners[next(h)];
+        const double *p = positions + 3 * (size_t)surface->corners[h];
+        const double *q = positions + 3 * (size_t)surface->corners[next(h)];
         double x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2];
         total += lengths[h] = sqrt(x * x + y * y + z * z);
     }
@@ -95,7 +96,8 @@ static void lay_out(Surface *surface, const double *lengths)
     for (int32_t h = 0; h < 3 * surface->faces; h++) {
         int32_t g = surface->twins[h];
         if (g < 0) continue;
-        Vector a = surface->corner[h], b = surface->corner[next(h)], c = surface->corner[next(g)], d = surface->corner[g];
+        Vector a = surface->corner[h], b = surface->corner[next(h)];
+        Vector c = surface->corner[next(g)], d = surface->corner[g];
         Vector turn = over(minus(d, c), minus(b, a));
         turn = scaled(turn, 1 / length(turn));
         Vector shift = minus(scaled(plus(c, d), 0.5), times(turn, scaled(plus(a, b), 0.5)));
@@ -162,7 +164,7 @@ static int place_in(const Surface *surface, const Point *point, int32_t face, Ve
     return 1;
 }
 
-/* The point at `p` in the plane of a face, moved onto an edge that it is very close to. Returns 0 where that is a corner. */
+/* The point at `p` in the plane of a face, moved onto an edge that it is very close to. Returns 0 at a corner. */
 static int point_at(const Surface *surface, int32_t face, Vector p, Point *point)
 {
     double weight[3];
@@ -240,7 +242,7 @@ static int trace_line(const Surface *surface, int32_t face, Vector start, Vector
     return 0;
 }
 
-/* Whether a trace ended at `target` within `tolerance`, or just across an edge from there; then it is made to end there. */
+/* Whether a trace ended at `target` within `tolerance`, or just across an edge from there; it is made to end there. */
 static int arrives(const Surface *surface, Trace *trace, const Point *target, double tolerance)
 {
     Vector place;
