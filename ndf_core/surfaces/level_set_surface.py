@@ -26,20 +26,21 @@ def level_set_surface(
     training_defaults: Mapping[str, Any],
     notes: tuple[str, ...],
     near: Float[Array, "n 3"] | None = None,
-    refined: bool = True,
+    policy: LevelSetPolicy | None = None,
 ) -> Surface:
     """Assemble a surface.
 
     Args:
         representation: the `--repr` name.
         field: phi, with the bounds of its surface.
-        resolution: cells of the base mesh's grid along the longest side of the bounds.
+        resolution: cells of the base mesh's grid along the longest side of the bounds; doubled where its topology is
+            not settled.
         corrections: most tangential corrections of a projection.
         fingerprint: of content and options.
         training_defaults: fit options that this representation changes.
         notes: one-line remarks for the user.
         near: points about the surface, on each of its components, where they are known; for fields with plateaus.
-        refined: whether the resolution is doubled where the base mesh's topology is not settled.
+        policy: how finely to look for the base mesh, if otherwise.
     """
     return Surface(
         representation=representation,
@@ -49,7 +50,7 @@ def level_set_surface(
             # On plateaus the bound keeps nearly every cell; signs find the surface faster.
             lipschitz=None if field.has_plateaus else field.lipschitz,
             near=near,
-            policy=LevelSetPolicy(resolution=resolution, max_resolution=(2 if refined else 1) * resolution),
+            policy=policy or LevelSetPolicy(resolution=resolution, max_resolution=2 * resolution),
         ),
         projector=LevelSetProjector(field, corrections),
         fingerprint=fingerprint,

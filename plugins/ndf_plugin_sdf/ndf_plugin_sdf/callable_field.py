@@ -10,7 +10,7 @@ from torch import Tensor
 from ndf_core.errors import InputError
 from ndf_core.surfaces.box import Box
 from ndf_core.surfaces.implicit_field import ImplicitField
-from ndf_plugin_sdf.slope import estimated_lipschitz
+from ndf_plugin_sdf.slope import estimated_slopes
 from ndf_plugin_sdf.user_function import UserFunction
 
 _SAMPLES = 8192
@@ -40,7 +40,8 @@ class CallableField(ImplicitField):
             raise InputError(f"{function.name} is {kind}, its gradient is zero; it must grow away from the surface")
         self.lipschitz = float(slopes.max()) if lipschitz is None else lipschitz
         if lipschitz is None:
-            self.lipschitz = estimated_lipschitz(self, torch.from_numpy(points)) or self.lipschitz
+            slopes_seen = estimated_slopes(self, torch.from_numpy(points))
+            self.lipschitz = slopes_seen.lipschitz if slopes_seen is not None else self.lipschitz
 
     def evaluate(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
         return self.function(points)

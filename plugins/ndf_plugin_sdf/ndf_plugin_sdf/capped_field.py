@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 from torch import Tensor
 
 from ndf_core.surfaces.box import Box
 from ndf_core.surfaces.implicit_field import ImplicitField
+
+_MARGIN = 0.02
+"""Of the bounds beyond the caps, as a share of the size."""
 
 
 class CappedField(ImplicitField):
@@ -49,8 +53,15 @@ class CappedField(ImplicitField):
         flat = self._slope * points.new_tensor(self._normals)[plane]
         return torch.where(beyond, cap, values), torch.where(beyond[:, None], flat, gradients)
 
-    def _cap(self, points: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
+    def _cap(self, points: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, " n"], Int[Tensor, " n"]]:
         """Slope times distance beyond the nearest plane, and which that is."""
         beyond = points @ points.new_tensor(self._normals).T - points.new_tensor(self._offsets)
         largest = beyond.max(dim=1)
         return self._slope * largest.values, largest.indices
+
+
+def capped_by_box(field: ImplicitField, box: Box, slope: float) -> CappedField:
+    """`field` cut off at the faces of a box."""
+    normals = np.concatenate([-np.eye(3), np.eye(3)])
+    margin = _MARGIN * field.bounds.longest_side
+    return CappedField(field, normals, np.concatenate([-box.lower, box.upper]), slope, field.bounds.grown(margin))

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from ndf_core.base_mesh.level_set import LevelSetPolicy
 from ndf_core.errors import InputError
 from ndf_core.interfaces import Surface
 from ndf_core.surfaces.box import Box
@@ -28,6 +29,8 @@ _MARGIN = 6
 """Voxels kept around the inside: the spline's ends are not felt so far away."""
 _COARSEST, _FINEST = 96, 320
 """Cells of the base mesh's grid along the longest side."""
+_SHORTEST_LOOP = 4.0
+"""In cells, of handles that are kept where two resolutions disagree: a tube of one voxel has so long a loop."""
 _STEEPER = 1.5
 """The field may be so much steeper than at any crossing between voxels."""
 
@@ -53,16 +56,18 @@ def open_grid(source: str | Path | object, config: GridConfig) -> Surface:
     if sides:
         notes.append(f"the level set reaches the volume's border at {', '.join(sides)} and is closed there, flat")
     extent = float(np.ptp(near, axis=0).max())
-    finest = int(np.clip(np.ceil(extent / phi.spacing.min()), _COARSEST, _FINEST))
+    resolution = config.resolution or int(np.clip(np.ceil(extent / phi.spacing.min()), _COARSEST, _FINEST))
     return level_set_surface(
         "grid",
         field,
-        resolution=config.resolution or finest,
+        resolution=resolution,
         corrections=config.corrections,
         fingerprint=fingerprint("grid", config, content),
         training_defaults=TRAINING_DEFAULTS,
         notes=(*volume.notes, *notes),
         near=near,
+        # Between the voxels there is nothing finer to be found.
+        policy=LevelSetPolicy(resolution=resolution, max_resolution=resolution, min_loop=_SHORTEST_LOOP),
     )
 
 

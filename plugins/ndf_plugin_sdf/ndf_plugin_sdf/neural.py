@@ -11,7 +11,7 @@ from ndf_core.api import RepresentationSpec, Sniff, hookimpl
 from ndf_plugin_sdf.defaults import API_VERSION, TRAINING_DEFAULTS
 from ndf_plugin_sdf.networks.description import NetworkDescription
 from ndf_plugin_sdf.networks.formats import SUFFIXES, look
-from ndf_plugin_sdf.networks.likeness import is_point_network
+from ndf_plugin_sdf.networks.likeness import is_point_network, is_radiance
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Corner = tuple[Finite, Finite, Finite]
@@ -82,6 +82,8 @@ def sniff(path: Path) -> Sniff | None:
         return Sniff(0.3, f"only by its suffix, {path.suffix}") if path.suffix.lower() in SUFFIXES else None
     if found.format in ("hdf5", "program"):
         return Sniff(0.6, f"network ({found.format})")
+    if any("weight" in name for name in found.names):
+        return None if is_radiance(found.names) else Sniff(0.6, "checkpoint of a network")
     if found.shapes is None:
         return Sniff(0.3, f"a file that can hold a network's weights ({found.format})")
     return Sniff(0.6, f"weights of a network of points ({found.format})") if is_point_network(found.shapes) else None

@@ -6,7 +6,7 @@ import itertools
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -29,7 +29,15 @@ _DIRECTION = ("weight_v", "parametrizations.weight.original1")
 
 @dataclass(frozen=True)
 class RawLayer:
-    """One layer as the file has it."""
+    """One layer; as a file has it, its weights may be (in, out) and its bias may be missing."""
+
+    name: str
+    weight: Float[Array, "rows columns"]
+    bias: Float[Array, " n"] | None
+
+
+class DenseLayer(NamedTuple):
+    """One layer of a chain."""
 
     name: str
     weight: Float[Array, "out in"]
@@ -40,7 +48,7 @@ class RawLayer:
 class Chain:
     """The layers of a network from the first to the last."""
 
-    layers: tuple[RawLayer, ...]
+    layers: tuple[DenseLayer, ...]
     skips: tuple[int, ...]
     """Layers whose input is the previous output and the network's own input."""
     activation: ActivationName | None
@@ -97,12 +105,9 @@ def _pairs(arrays: NamedArrays) -> list[RawLayer]:
         if weight is None:
             continue
         bias = _first(parts[name], _VECTOR)
-        rows = weight.shape[0] if bias is None or bias.size == weight.shape[0] else weight.shape[1]
-        if bias is None:
-            bias = np.zeros(rows)
-        if bias.size != rows:
+        if bias is not None and bias.size not in weight.shape:
             raise InputError(f"layer {name!r}: a bias of {bias.size} numbers does not fit weights {weight.shape}")
-        layers.append(RawLayer(name, weight, bias.reshape(-1).astype(np.float64)))
+        layers.append(RawLayer(name, weight, None if bias is None else bias.reshape(-1).astype(np.float64)))
     return layers
 
 
@@ -127,11 +132,16 @@ def _groups(layers: list[RawLayer]) -> list[list[RawLayer]]:
     return list(groups.values())
 
 
-def _linked(layers: list[RawLayer]) -> tuple[tuple[RawLayer, ...], tuple[int, ...]] | None:
+def _linked(layers: list[RawLayer]) -> tuple[tuple[DenseLayer, ...], tuple[int, ...]] | None:
     """The layers as (out, in), and the skips; None where one's output is not the next one's input."""
     for turned in (False, True):
-        oriented = [RawLayer(layer.name, layer.weight.T if turned else layer.weight, layer.bias) for layer in layers]
-        if any(len(layer.bias) != len(layer.weight) for layer in oriented):
+        oriented: list[DenseLayer] = []
+        for layer in layers:
+            weight = layer.weight.T if turned else layer.weight
+            bias = np.zeros(len(weight)) if layer.bias is None else layer.bias
+            if len(bias) == len(weight):
+                oriented.append(DenseLayer(layer.name, weight, bias))
+        if len(oriented) < len(layers):
             continue
         width = oriented[0].weight.shape[1]
         extra = [after.weight.shape[1] - len(before.weight) for before, after in itertools.pairwise(oriented)]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import pickletools
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -15,6 +17,7 @@ Format = Literal["npz", "safetensors", "hdf5", "checkpoint", "program"]
 SUFFIXES = (".npz", ".safetensors", ".h5", ".hdf5", ".keras", ".pt2", ".pt", ".pth", ".ckpt")
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _LONGEST_HEADER = 16 << 20
+_LONGEST_PICKLE = 4 << 20
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,8 @@ class WeightFile:
     format: Format
     shapes: dict[str, tuple[int, ...]] | None
     """Of the arrays, by name; None where only opening the file would tell."""
+    names: tuple[str, ...] = ()
+    """Of a checkpoint: all names in it."""
 
 
 def look(path: Path) -> WeightFile | None:
@@ -47,12 +52,14 @@ def _zip(path: Path) -> WeightFile | None:
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
-    except (zipfile.BadZipFile, NotImplementedError):
+            pickled = next((name for name in names if name == "data.pkl" or name.endswith("/data.pkl")), None)
+            if pickled is not None:
+                with archive.open(pickled) as file:
+                    return WeightFile("checkpoint", None, _names_in(file.read(_LONGEST_PICKLE)))
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError):
         return None
     if any(name == "archive_format" or name.endswith("/archive_format") for name in names):
         return WeightFile("program", None)
-    if any(name == "data.pkl" or name.endswith("/data.pkl") for name in names):
-        return WeightFile("checkpoint", None)
     if any(name.endswith(".npy") for name in names):
         try:
             headers = read_npz_headers(path)
@@ -60,6 +67,18 @@ def _zip(path: Path) -> WeightFile | None:
             return WeightFile("npz", None)
         return WeightFile("npz", {name: header.shape for name, header in headers.items()})
     return None
+
+
+def _names_in(pickled: bytes) -> tuple[str, ...]:
+    """The strings in a pickle, read as a list of instructions; nothing of it is carried out."""
+    names: list[str] = []
+    try:
+        for _, argument, _ in pickletools.genops(pickled):
+            if isinstance(argument, str):
+                names.append(argument)
+    except (ValueError, IndexError, KeyError, OverflowError, UnicodeDecodeError):
+        pass  # cut off or broken: what was found so far will do for a first look
+    return tuple(names)
 
 
 def _safetensors(path: Path, head: bytes) -> WeightFile | None:
