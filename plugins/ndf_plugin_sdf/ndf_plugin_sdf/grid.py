@@ -26,7 +26,7 @@ class GridConfig(BaseModel):
     )
     inside: Literal["auto", "above", "below"] = Field(
         "auto",
-        description="side of the iso value that is inside; auto: the one that most of the volume's border is not",
+        description="side of the iso value that is inside; auto: above, unless most of the volume's border is above",
     )
     interpolation: Literal["b_spline", "catmull_rom", "linear"] = Field(
         "b_spline", description="between voxels; all three go through their values"

@@ -31,6 +31,8 @@ _COARSEST, _FINEST = 96, 320
 """Cells of the base mesh's grid along the longest side."""
 _SHORTEST_LOOP = 4.0
 """In cells, of handles that are kept where two resolutions disagree: a tube of one voxel has so long a loop."""
+_MOSTLY = 0.75
+"""Share of the border above the iso value from which on inside is below: volumes are brighter inside, as a rule."""
 _STEEPER = 1.5
 """The field may be so much steeper than at any crossing between voxels."""
 
@@ -82,7 +84,7 @@ def _phi(volume: Volume, config: GridConfig) -> tuple[Volume, list[str]]:
     above = config.inside == "above"
     if config.inside == "auto":
         share = border_above(volume.values, iso)
-        above = share <= 0.5
+        above = share <= _MOSTLY
         outer = f"{1 - share if above else share:.0%} of the border is {'below' if above else 'above'} it"
         notes.append(f"inside is {'above' if above else 'below'} the iso value, since {outer}")
     values = volume.values - np.float32(iso)
