@@ -253,8 +253,8 @@ static int64_t flip_edges(Triangulation *mesh, Criterion criterion, double limit
 
 /* The shift that takes a vertex to the mean of the faces around it, weighted with their mapped areas: where the map is
  * affine, the same as that mean in the mapped mesh. On a crease, to the middle between its neighbours there, if these
- * lie on a line with it. Returns 0 for ends, corners and turns of creases. */
-static int find_shift(const Triangulation *mesh, int32_t v, const Star *star, Vector *shift)
+ * lie on a line with it; a crease may be left where it is a fold. Returns 0 for ends, corners and turns of creases. */
+static int find_shift(const Triangulation *mesh, int32_t v, const Star *star, int folded, Vector *shift)
 {
     Shape shapes[MOST_FACES];
     Vector sum = {0, 0}, crease[2] = {{0, 0}, {0, 0}};
@@ -271,7 +271,7 @@ static int find_shift(const Triangulation *mesh, int32_t v, const Star *star, Ve
         if (bend(&shapes[i], &shapes[i > 0 ? i - 1 : star->count - 1]) < CREASE && creases++ < 2)
             crease[creases - 1] = star->place[i];
     *shift = total > 0 ? scaled(sum, 1 / (3 * total)) : sum;
-    if (creases == 0) return total > 0;
+    if (creases == 0 || folded) return total > 0;
     Vector line = minus(crease[1], crease[0]);
     if (creases != 2 || !(fabs(cross(crease[0], crease[1])) < STRAIGHT * inner(line, line))) return 0;
     *shift = scaled(line, inner(line, scaled(plus(crease[0], crease[1]), 0.5)) / inner(line, line));
@@ -306,7 +306,7 @@ static int find_moves(const Triangulation *mesh, int folded, double limit, Place
         Point point;
         if (marks[v] != folded || mesh->outgoing[v] < 0 || !find_star(mesh, v, &star)) continue;
         Vector shift;
-        if (find_shift(mesh, v, &star, &shift) && star_sees(&star, shift)
+        if (find_shift(mesh, v, &star, folded, &shift) && star_sees(&star, shift)
             && find_shifted(mesh, v, &star, shift, &trace, &point))
             done = places_add(places, v, &point, shift);
     }
