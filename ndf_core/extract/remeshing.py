@@ -18,7 +18,7 @@ from ndf_core.kernels.mesh_check import check_mesh
 from ndf_core.kernels.remesh import BasePoints, MappedTriangulation, RemeshKernel
 
 MAX_VERTICES = 20_000_000
-"""Largest mesh that is extracted; it takes about 9 GB on the way."""
+"""Largest mesh that is extracted; it takes about 13 GB on the way."""
 STEP = 0.7
 """Limits of successive splits shrink by this at most, so that long edges are halved before shorter ones."""
 SHORT = 0.25
