@@ -52,23 +52,24 @@ def _sweep(
     layers: Bool[Array, "n v w"], target: Float32[Array, "n v w"], slopes: tuple[float, float], weight: float
 ) -> None:
     """Follow parallel rays layer by layer, and add `weight` wherever none is blocked yet."""
-    shadow = np.zeros_like(layers[0])
+    shadow, moved = np.zeros_like(layers[0]), np.zeros_like(layers[0])
     before = (0, 0)
     for n, layer in enumerate(layers):
         at = (int(np.floor(slopes[0] * n + 0.5)), int(np.floor(slopes[1] * n + 0.5)))
-        shadow = _shifted(shadow, at[0] - before[0], at[1] - before[1]) | layer
-        before = at
+        if at != before:
+            to, of = zip(*map(_overlap, at, before, layer.shape), strict=True)
+            moved[:] = False
+            moved[to] = shadow[of]
+            shadow, moved = moved, shadow
+            before = at
+        shadow |= layer
         target[n] += np.float32(weight) * ~shadow
 
 
-def _shifted(layer: Bool[Array, "v w"], rows: int, columns: int) -> Bool[Array, "v w"]:
-    if not rows and not columns:
-        return layer
-    moved = np.zeros_like(layer)
-    to = tuple(slice(max(0, k), n + min(0, k)) for k, n in zip((rows, columns), layer.shape, strict=True))
-    of = tuple(slice(max(0, -k), n + min(0, -k)) for k, n in zip((rows, columns), layer.shape, strict=True))
-    moved[to] = layer[of]
-    return moved
+def _overlap(at: int, before: int, size: int) -> tuple[slice, slice]:
+    """Where a row of `size` cells, moved from `before` to `at`, comes to lie, and what of it that is."""
+    by = at - before
+    return slice(max(0, by), size + min(0, by)), slice(max(0, -by), size + min(0, -by))
 
 
 def find_ground(blocked: Bool[Array, "x y z"]) -> Side | None:
