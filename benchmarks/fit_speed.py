@@ -1,9 +1,10 @@
 """Seconds to the paper's accuracy: `--recipe paper` against `--recipe fast`, same surface, projector and kernels.
 
 The paper recipe runs once per shape and is cached in `results/fit_speed_paper_<shape>.json`; the fast one runs every
-time, from the same base mesh. Each clock counts the initialisation and the training, not the evaluations, and stops
-at the first evaluation whose two-sided rms is at or below the paper run's final one. CPU seconds are given beside
-wall seconds: with one thread they are the same work without the neighbours' noise.
+time, from the same base mesh; the output keeps the last run of each shape. Each clock counts the initialisation and
+the training, not the evaluations, and stops at the first evaluation whose two-sided rms is at or below the paper
+run's final one. CPU seconds are given beside wall seconds: with one thread they are the same work without the
+neighbours' noise.
 
     python benchmarks/fit_speed.py ../shared/data/mesh/rocker-arm.obj ... [--threads 1] [--figure fit_speed.png]
 """
@@ -106,6 +107,11 @@ def run(path: Path, config: FitConfig, evaluations: int, samples: int, base: dic
     }
 
 
+def paper_cache(name: str) -> Path:
+    """Where the paper run of an input is kept."""
+    return RESULTS / f"fit_speed_paper_{Path(name).stem}.json"
+
+
 def configure(recipe: str, options: dict[str, Any]) -> FitConfig:
     """The recipe with some options set; strings are converted."""
     return resolve_config(given=Given(fit={"recipe": recipe, **options})).fit.config
@@ -179,9 +185,10 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=RESULTS / "fit_speed.json")
     arguments = parser.parse_args()
     common = {"faces": arguments.faces, "feature_dim": arguments.feature_dim, "threads": arguments.threads}
-    pairs: list[tuple[dict[str, Any], dict[str, Any]]] = []
+    known = json.loads(arguments.output.read_text())["fast"] if arguments.output.exists() else []
+    runs: dict[str, dict[str, Any]] = {run["file"]: run for run in known}
     for path in arguments.inputs:
-        cache = RESULTS / f"fit_speed_paper_{path.stem}.json"
+        cache = paper_cache(path.name)
         if cache.exists():
             paper = json.loads(cache.read_text())
         else:
@@ -196,9 +203,10 @@ def main() -> None:
                 samples=arguments.samples,
                 base=paper["base_mesh"],
             )
-            pairs.append((paper, fast))
+            runs[path.name] = fast
             print(json.dumps(compare(paper, fast), indent=1), flush=True)
-    if pairs:
+    if not arguments.paper_only:
+        pairs = [(json.loads(paper_cache(name).read_text()), fast) for name, fast in sorted(runs.items())]
         arguments.output.write_text(
             json.dumps({"summary": [compare(*pair) for pair in pairs], "fast": [f for _, f in pairs]}, indent=1)
         )

@@ -4,7 +4,7 @@ Projections of mapped points never land on such a spot, so the projection loss i
 distance from the surface to the map is not: where a surface point q lies far from the map, the gradient of
 |q - g(x)|^2 at the closest mapped point g(x) draws g over the spot. From time to time surface points are looked for
 beside the map; those that are far from it become pairs (x, q), which take part in every step until the next look,
-each with the weight of a sample.
+each with the weight of a few samples.
 """
 
 from __future__ import annotations
@@ -29,10 +29,12 @@ from ndf_core.kernels.bvh import TriangleBVH
 
 _TRIANGLES = 20_000
 """Size of the mesh that finds the closest mapped points, before `closest_base_points` removes its chord error."""
-_FAR = 5.0
+_FAR = 8.0
 """Uncovered is what is farther from the map than this many times the map's rms distance from the surface."""
 _LEAST_FAR = 1e-5
 """... and than this, in the box: exact fits need no pulls."""
+_WEIGHT = 4
+"""Samples that each pull counts for."""
 _MOST_ROWS = 16
 """At most one row in this many is a pull: early on, much lies far from the map, and projections do better."""
 _PULLING = 0.8
@@ -69,18 +71,18 @@ class Coverage:
 
     @property
     def rows(self) -> int:
-        """How many samples of each batch are pulls: their share of the surface points that were looked at."""
-        share = len(self.pulls.targets) / self._candidates
+        """How many samples of each batch are pulls, from their share of the surface points that were looked at."""
+        share = _WEIGHT * len(self.pulls.targets) / self._candidates
         return min(math.ceil(share * self._config.batch), self._config.batch // _MOST_ROWS)
 
     def look(self, parameters: Parameters, step: int) -> None:
         """Look again if it is time to. Near the end of the run there are no pulls, so that the map comes to rest."""
-        if step < self._due:
-            return
-        self._due = step + self._config.coverage_every
         if step >= _PULLING * self._config.steps:
             self.pulls = self._none
             return
+        if step < self._due:
+            return
+        self._due = step + self._config.coverage_every
         rng = np.random.default_rng((self._config.seed, step))
         found = uncovered(parameters, self._geometry, self._projector, self._candidates, rng, self._threads)
         self.pulls = found or self._none
