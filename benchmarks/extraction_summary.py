@@ -145,9 +145,9 @@ def draw(result: dict[str, Any], path: Path) -> None:
             f"relative error, {'exact geodesics (L1)' if task == 'geodesics' else '20 eigenvalues (mean)'}"
         )
         axis.grid(True, which="major", lw=0.3)
-    axes[0].legend(fontsize=7)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncols=4, fontsize=8)
     kind = "neural implicit" if result["neural"] else "mesh as a signed distance"
     figure.suptitle(f"{result['shape']} ({kind}; asset of {result['asset_bytes'] / 1000:.0f} KB)")
-    figure.tight_layout()
+    figure.tight_layout(rect=(0, 0.09, 1, 1))
     figure.savefig(path, dpi=120)
     plt.close(figure)
