@@ -134,10 +134,10 @@ def closing_radius(points: Float[Array, "n 3"], spacing: float, widest: float) -
         spacing: a typical distance between neighbours, positive.
         widest: the largest radius to try.
     """
-    extent = np.ptp(points, axis=0)
-    radius = max(spacing, _CLOSING * float((extent.prod() / _MOST_CELLS) ** (1 / 3)))
+    extent, radius = np.ptp(points, axis=0), spacing
     while radius <= widest:
-        if _encloses(points, radius / _CLOSING):
+        cell = radius / _CLOSING
+        if (extent / cell + 5).prod() <= _MOST_CELLS and _encloses(points, cell):
             return radius
         radius *= 1.25
     return None

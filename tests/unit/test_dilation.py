@@ -63,3 +63,8 @@ def test_the_radius_closes_the_gaps_and_no_more() -> None:
 def test_sheets_close_nowhere(part) -> None:
     points = part(sphere())
     assert closing_radius(points, float(np.median(sampling_spacing(points))), 0.3) is None
+
+
+def test_a_far_outlier_takes_no_memory() -> None:
+    points = np.concatenate([sphere(), [[1e7, 1e7, 0.0]]])
+    assert closing_radius(points, 0.05, 1e6) is None
