@@ -75,7 +75,8 @@ def _overlap(at: int, before: int, size: int) -> tuple[slice, slice]:
 def find_ground(blocked: Bool[Array, "x y z"]) -> Side | None:
     """The side that an object open underneath stands on; None where no side stands out.
 
-    For each side: how much becomes hidden when nothing is seen from there. One must win clearly.
+    For each side: how much becomes hidden, in the half next to it, when nothing is seen from there. One must win
+    clearly.
     """
     coarse = _halved(blocked)
     whole = openness(coarse)
@@ -83,9 +84,12 @@ def find_ground(blocked: Bool[Array, "x y z"]) -> Side | None:
     pocket = ~inside & (whole < _POCKET)
     gains: list[tuple[float, Side]] = []
     for axis in range(3):
+        used = np.flatnonzero(np.moveaxis(coarse, axis, 0).any(axis=(1, 2)))
+        middle = int(used[0] + used[-1] + 1) // 2 if len(used) else 0
         for sign in (1, -1):
-            gained = pocket & (openness(coarse, (axis, sign)) < HIDDEN)
-            gains.append((float(gained.sum()) / max(1, int(inside.sum())), (axis, sign)))
+            gained = np.moveaxis(pocket & (openness(coarse, (axis, sign)) < HIDDEN), axis, 0)
+            near = gained[middle:] if sign > 0 else gained[:middle]
+            gains.append((float(near.sum()) / max(1, int(inside.sum())), (axis, sign)))
     gains.sort(reverse=True)
     return gains[0][1] if gains[0][0] > max(_GROUND_GAIN, 2.0 * gains[1][0]) else None
 
