@@ -90,7 +90,7 @@ def _from_function(name: str, function: Callable[[Any], Any], config: NeuralConf
         return program_field(network, config.iso or 0.0, sign, box)
 
     points = uniform_points(_bounds(config), _SAMPLES)
-    return _surface(field, config, [network(points).numpy()], [])
+    return _surface(field, config, [network(points).detach().numpy()], [])
 
 
 def _surface(
