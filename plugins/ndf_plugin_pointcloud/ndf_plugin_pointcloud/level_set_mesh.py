@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.base_mesh.coarsen import coarsen
@@ -14,14 +14,12 @@ from ndf_core.base_mesh.level_set import LevelSetExtractor, LevelSetPolicy
 from ndf_core.errors import InputError
 from ndf_core.interfaces import BaseMesh, BaseMeshExtractor, Remark
 from ndf_core.kernels.winding import WindingTree
-from ndf_core.mesh import face_normals
+from ndf_plugin_pointcloud.landing import Landing
+from ndf_plugin_pointcloud.triangles import Triangles
 
 _MARGIN = 0.05
 """Room around the samples, as a share of the longest side: caps over holes may bulge."""
 _COARSEST = 48
-
-Landing = tuple[Float[Array, "n 3"], Float[Array, "n 3"], Bool[Array, " n"]]
-"""Points, normals, and which of them are on the surface."""
 
 
 class WindingExtractor(BaseMeshExtractor):
@@ -66,13 +64,7 @@ class WindingExtractor(BaseMeshExtractor):
         """`count` points even by area on the dense mesh, which lies on the level set to a fraction of a cell, and
         the normals of its faces."""
         vertices, faces, _ = self.dense
-        area_vectors = face_normals(vertices, faces)
-        areas = np.linalg.norm(area_vectors, axis=1)
-        chosen = rng.choice(len(areas), count, p=areas / areas.sum())
-        root, along = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
-        a, b, c = (vertices[faces[chosen, k]] for k in range(3))
-        points = (1 - root) * a + root * (1 - along) * b + root * along * c
-        return points, area_vectors[chosen] / areas[chosen, None]
+        return Triangles(vertices, faces.astype(np.int64), ()).sample(count, rng)[:2]
 
 
 def sample_by_landing(

@@ -6,14 +6,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
-from torch import Tensor
 
-from ndf_core.errors import InputError
-from ndf_core.interfaces import Projection, Projector
 from ndf_core.kernels.bvh import TriangleBVH
+from ndf_plugin_pointcloud.landing import Landing, LandingProjector
 
 
 class Closest(NamedTuple):
@@ -44,7 +41,7 @@ class ClosestTriangles:
         return Closest(points, self._normals[face], np.linalg.norm(queries - points, axis=1))
 
 
-class ShellProjector(Projector):
+class ShellProjector(LandingProjector):
     """From the closest point straight back towards the query, to a given distance.
 
     The distance is what keeps the two sides of a sheet apart: without it both would land on the same points, and the
@@ -52,9 +49,6 @@ class ShellProjector(Projector):
     goes along the normal. With distance 0, for what has an inside, queries land on the closest points themselves.
 
     Queries farther from everything than `limit` are over a gap and not converged.
-
-    Runs in double precision on the CPU; queries on another device are copied there and back. Uses as many threads as
-    torch does.
     """
 
     def __init__(self, search: ClosestSearch, radius: float, limit: float) -> None:
@@ -67,20 +61,10 @@ class ShellProjector(Projector):
         """
         self._search, self._radius, self._limit = search, radius, limit
 
-    def project(self, points: Float[Tensor, "n 3"], directions: Float[Tensor, "n 3"] | None = None) -> Projection:
-        query = points.detach().to("cpu", torch.float64).numpy()
-        finite = np.isfinite(query).all(axis=1)
-        if not finite.all():
-            raise InputError(f"cannot project query point {int((~finite).argmax())}: a coordinate is not finite")
-        closest = self._search(query, torch.get_num_threads())
+    def land(self, query: Float[Array, "n 3"], threads: int = 1) -> Landing:
+        closest = self._search(query, threads)
         offset = query - closest.points
         distance = np.linalg.norm(offset, axis=1, keepdims=True)
         sided = (distance > 1e-3 * self._radius) & (self._radius > 0)
         away = np.where(sided, offset / np.maximum(distance, 1e-300), closest.normals)
-        found = closest.points + self._radius * away
-        converged = closest.distances <= self._limit
-        return Projection(
-            torch.from_numpy(found).to(points),
-            torch.from_numpy(converged).to(points.device),
-            torch.from_numpy(away).to(points),
-        )
+        return Landing(closest.points + self._radius * away, away, closest.distances <= self._limit)

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
-from torch import Tensor
 
-from ndf_core.errors import InputError
-from ndf_core.interfaces import Projection, Projector
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.kernels.winding import WindingTree
-from ndf_plugin_pointcloud.level_set_mesh import Landing
+from ndf_plugin_pointcloud.landing import Landing, LandingProjector
 from ndf_plugin_pointcloud.tracing_projector import TOLERANCE, TracingProjector
 from ndf_plugin_pointcloud.triangles import Triangles
 
@@ -22,13 +18,10 @@ _AT = 2.0
 """A ray that ends this many tolerances from the closest triangle ends on it."""
 
 
-class SoupProjector(Projector):
+class SoupProjector(LandingProjector):
     """Lands on the closest triangle where w - 1/2 changes sign across it: the paper's ray with its direction made
     exact (App. C.3). Where it does not (inside of intersecting parts), and where the closest point is on the rim of
     a hole, over which the level set is a cap in free space, the paper's direction is traced; the nearer one counts.
-
-    Runs in double precision on the CPU; queries on another device are copied there and back. Uses as many threads as
-    torch does.
     """
 
     def __init__(self, soup: Triangles, tree: WindingTree, tracing: TracingProjector) -> None:
@@ -49,20 +42,7 @@ class SoupProjector(Projector):
         rim[soup.faces[:, [1, 2, 0]][self._open]] = True
         self._rim = rim[soup.faces]
 
-    def project(self, points: Float[Tensor, "n 3"], directions: Float[Tensor, "n 3"] | None = None) -> Projection:
-        query = points.detach().to("cpu", torch.float64).numpy()
-        finite = np.isfinite(query).all(axis=1)
-        if not finite.all():
-            raise InputError(f"cannot project query point {int((~finite).argmax())}: a coordinate is not finite")
-        found, normals, converged = self.land(query, torch.get_num_threads())
-        return Projection(
-            torch.from_numpy(found).to(points),
-            torch.from_numpy(converged).to(points.device),
-            torch.from_numpy(normals).to(points),
-        )
-
     def land(self, query: Float[Array, "n 3"], threads: int = 1) -> Landing:
-        """Landing points, normals there, and which rows landed; the others stay where they are."""
         closest, face, weights = self._triangles.closest(query, threads)
         offset = query - closest
         distance = np.linalg.norm(offset, axis=1)
@@ -82,7 +62,7 @@ class SoupProjector(Projector):
             nearer = landed & (np.linalg.norm(points - query[other], axis=1) < np.where(hit, distance, np.inf)[other])
             found[other[nearer]], normals[other[nearer]] = points[nearer], slopes[nearer]
             hit[other[nearer]] = True
-        return found, normals, hit
+        return Landing(found, normals, hit)
 
     def _on_rim(self, face: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Bool[Array, " n"]:
         """Whether the closest point is on an edge with other than two triangles."""
