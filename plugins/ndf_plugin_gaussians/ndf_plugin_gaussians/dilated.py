@@ -6,6 +6,7 @@ import numpy as np
 
 from ndf_core.surfaces.dilation import closing_radius, distance_beyond, sampling_spacing
 from ndf_plugin_gaussians.grid import Grid
+from ndf_plugin_gaussians.openness import HIDDEN, openness
 from ndf_plugin_gaussians.solid import Solid, without_crumbs
 from ndf_plugin_gaussians.splats import Splats
 
@@ -40,5 +41,8 @@ def dilated_solid(splats: Splats, grid: Grid, min_component: float) -> Solid:
     nodes = grid.nodes(np.stack(np.unravel_index(np.arange(int(np.prod(grid.shape))), grid.shape), axis=1))
     beyond = distance_beyond(splats.centres, radius, radius + limit)(nodes)
     field = -np.minimum(beyond, limit).reshape(grid.shape) / limit
+    # Balls of the radius at which cells close leave gaps of less than a cell: what they hide all the same is inside.
+    hidden = np.clip((HIDDEN - openness(field > 0)) / HIDDEN, -1.0, 1.0)
+    field = np.where(field > 0, field, np.maximum(field, hidden))
     field, dropped = without_crumbs(field, min_component)
     return Solid(field, radius, (f"centres dilated by {radius:.4g} ({note})", *dropped))
