@@ -88,6 +88,7 @@ def measured(path: Path, asset_path: Path) -> dict[str, Any]:
         }
     asset = ndf_core.load(asset_path)
     mesh = asset.extract()
+    row["fit_options"] = asset.content.provenance["config"]
     row["asset_bytes"] = asset_path.stat().st_size
     row["extracted"] = {"vertices": len(mesh.vertices), **two_sided((mesh.vertices, mesh.faces), reference)}
     picture(asset_path.with_suffix(".png"), reference, asset, (mesh.vertices, mesh.faces))

@@ -28,7 +28,10 @@ def open_nerf(source: str | Path | object, config: NerfConfig) -> Surface:
     """
     read = read_density(source, config)
     crop = None if config.crop is None else Box(np.array(config.crop[:3]), np.array(config.crop[3:]))
-    region = find_region(read.density, crop, config.threshold, config.min_part)
+    try:
+        region = find_region(read.density, crop, config.threshold, config.min_part)
+    except InputError as error:
+        raise InputError(f"{read.name}: {error}") from error
     field = OuterField.of(read.density, region.box, region.threshold, config.resolution, config.min_part)
     if not field.inside.any():
         raise InputError(f"{read.name}: nothing solid is left at --resolution {config.resolution}")

@@ -66,7 +66,9 @@ def find_region(density: Density, crop: Box | None, threshold: float | None, lea
         notes.append(f"a background runs through the sides of the bounds; it was cut off, as by --crop {corners}")
     chosen = _chosen(values, tight, threshold)
     if threshold is None:
-        notes.append(f"density threshold {chosen:.3g}, from the histogram: 95% of the matter is denser (--threshold)")
+        notes.append(
+            f"density threshold {chosen:.3g}: the lower end of the histogram of what is no fog (--threshold)"
+        )
     return Region(tight, chosen, tuple(notes))
 
 

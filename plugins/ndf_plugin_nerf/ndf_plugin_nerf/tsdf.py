@@ -14,8 +14,8 @@ from ndf_plugin_nerf.lattice import Nodes, Trilinear
 from ndf_plugin_nerf.outer_field import OuterField
 
 _CAMERAS = 40
-_PIXELS = 200
-"""Across each depth map, which covers the box from every side."""
+_PIXELS_PER_CELL = 1.6
+"""Pixels across a depth map, which covers the box from every side, for each cell along the longest side."""
 _FINEST = 128
 """Cells of the fused grid along the longest side, or those of the density's grid where these are fewer."""
 _TRUNCATION = 4.0
@@ -32,6 +32,8 @@ class Camera:
     axes: Float[Tensor, "3 3"]
     radius: float
     """Half the width of the picture, and the distance from its plane to the middle."""
+    pixels: int
+    """Across the picture."""
 
     def place(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
         """Right, down, and depth behind the plane of the picture."""
@@ -39,9 +41,9 @@ class Camera:
 
     def rays(self) -> Float[Tensor, "p 3"]:
         """Where the ray of each pixel starts."""
-        side = self.radius * ((torch.arange(_PIXELS, dtype=torch.float64) + 0.5) * (2 / _PIXELS) - 1)
+        side = self.radius * ((torch.arange(self.pixels, dtype=torch.float64) + 0.5) * (2 / self.pixels) - 1)
         down, right = torch.meshgrid(side, side, indexing="ij")
-        flat = torch.stack([right.flatten(), down.flatten(), torch.full((_PIXELS**2,), -self.radius)], dim=1)
+        flat = torch.stack([right.flatten(), down.flatten(), torch.full((self.pixels**2,), -self.radius)], dim=1)
         return self.middle + flat @ self.axes
 
 
@@ -58,12 +60,12 @@ def fused(field: OuterField) -> tuple[Nodes, Float[Array, "x y z"]]:
     points = torch.from_numpy(nodes.positions(index))
     total, count = torch.zeros(len(points)), torch.zeros(len(points))
     function = field.function()
-    for camera in cameras(field.nodes):
-        depth = depth_map(function, camera)
+    for camera in cameras(nodes):
+        depth, last = depth_map(function, camera), camera.pixels - 1
         for start in range(0, len(points), _CHUNK):
             rows = slice(start, start + _CHUNK)
             right, down, behind = camera.place(points[rows]).unbind(1)
-            pixel = [((at / camera.radius + 1) * (_PIXELS / 2)).long().clamp(0, _PIXELS - 1) for at in (down, right)]
+            pixel = [((at / camera.radius + 1) * (last / 2 + 0.5)).long().clamp(0, last) for at in (down, right)]
             distance = ((depth[pixel[0], pixel[1]] - behind) / truncation).float()
             seen = distance >= -1.0
             total[rows] += torch.where(seen, distance.clamp_max(1.0), 0.0)
@@ -73,8 +75,8 @@ def fused(field: OuterField) -> tuple[Nodes, Float[Array, "x y z"]]:
 
 
 def cameras(nodes: Nodes) -> list[Camera]:
-    """Cameras spread evenly over a sphere around the box (Fibonacci's spiral)."""
-    box = nodes.box
+    """Cameras spread evenly over a sphere around the box (Fibonacci's spiral), with pixels for these nodes."""
+    box, pixels = nodes.box, round(_PIXELS_PER_CELL * (max(nodes.counts) - 1))
     radius = float(np.linalg.norm(box.upper - box.lower)) / 2
     middle = torch.from_numpy((box.lower + box.upper) / 2)
     height = 1 - 2 * (np.arange(_CAMERAS) + 0.5) / _CAMERAS
@@ -85,7 +87,7 @@ def cameras(nodes: Nodes) -> list[Camera]:
     for look in forward:
         right = np.cross(look, np.eye(3)[np.abs(look).argmin()])
         right /= np.linalg.norm(right)
-        found.append(Camera(middle, torch.from_numpy(np.stack([right, np.cross(look, right), look])), radius))
+        found.append(Camera(middle, torch.from_numpy(np.stack([right, np.cross(look, right), look])), radius, pixels))
     return found
 
 
@@ -112,4 +114,4 @@ def depth_map(field: Trilinear, camera: Camera) -> Float[Tensor, "h w"]:
         inside = field(origin[hit] + middle[:, None] * look) < 0
         low, high = torch.where(inside, low, middle), torch.where(inside, middle, high)
     depth[hit] = high
-    return depth.view(_PIXELS, _PIXELS)
+    return depth.view(camera.pixels, camera.pixels)

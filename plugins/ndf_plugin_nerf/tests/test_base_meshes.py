@@ -20,7 +20,7 @@ def outer(distance, resolution: int = 48) -> OuterField:
     return OuterField.of(density(distance), CUBE, THRESHOLD, resolution, 0.05)
 
 
-@pytest.mark.parametrize("make_grid", [smoothed, fused], ids=["outer", "tsdf"])
+@pytest.mark.parametrize("make_grid", [smoothed, pytest.param(fused, marks=pytest.mark.slow)], ids=["outer", "tsdf"])
 def test_a_hollow_ball_gives_one_closed_sphere(make_grid) -> None:
     field = outer(shell(0.6, 1.0))
     mesh = GridExtractor(lambda: make_grid(field)).extract(400)
@@ -68,6 +68,7 @@ def test_depth_maps_see_the_sphere_where_it_is() -> None:
         np.testing.assert_array_equal(hit[across > 1.02], False)
 
 
+@pytest.mark.slow
 def test_separate_balls_are_separate_components() -> None:
     field = outer(union(ball((-0.7, 0, 0), 0.5), ball((0.7, 0, 0), 0.5)))
     for make_grid in (smoothed, fused):
