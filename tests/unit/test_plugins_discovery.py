@@ -36,18 +36,26 @@ def test_two_strangers_with_one_name_are_both_unusable_and_name_each_other(plugi
     assert second.error == "the name clashes with first 1.0; uninstall one of them"
 
 
-@pytest.mark.parametrize("spelling", ["ndf-plugin-gaussians", "NDF_plugin.gaussians"])
+@pytest.fixture
+def _owned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name with an owner that is not installed."""
+    monkeypatch.setitem(discovery.OWNERS, "waves", "ndf-plugin-waves")
+
+
+@pytest.mark.usefixtures("_owned")
+@pytest.mark.parametrize("spelling", ["ndf-plugin-waves", "NDF_plugin.waves"])
 def test_a_stranger_cannot_take_a_name_from_its_owner(plugin_maker: PluginMaker, spelling: str) -> None:
-    plugin_maker.add("gaussians", distribution=spelling)
-    plugin_maker.add("gaussians", distribution="stranger")
-    errors = {entry.distribution: entry.error for entry in claims("gaussians")}
+    plugin_maker.add("waves", distribution=spelling)
+    plugin_maker.add("waves", distribution="stranger")
+    errors = {entry.distribution: entry.error for entry in claims("waves")}
     assert errors[spelling] is None
     assert errors["stranger"] == f"the name clashes with {spelling} 1.0, which keeps it; rename this one"
 
 
+@pytest.mark.usefixtures("_owned")
 def test_an_owned_name_is_free_while_its_owner_is_not_installed(plugin_maker: PluginMaker) -> None:
-    plugin_maker.add("nerf", distribution="stranger")
-    assert [entry.error for entry in claims("nerf")] == [None]
+    plugin_maker.add("waves", distribution="stranger")
+    assert [entry.error for entry in claims("waves")] == [None]
 
 
 def test_a_name_that_the_command_line_could_not_take_is_refused(plugin_maker: PluginMaker) -> None:
