@@ -9,19 +9,22 @@ from pathlib import Path
 
 import pytest
 import trimesh
-from ndf_plugin_sdf import analytic, mesh
+from ndf_plugin_sdf import analytic, grid, mesh, neural
 from sdf_trees import BALL
 
 import ndf_core
 from ndf_core.api import RepresentationSpec
 from ndf_core.errors import ConfigError, InputError
 
-HEAVY = ("torch", "numpy", "scipy", "trimesh", "igl")
+HEAVY = ("torch", "numpy", "scipy", "trimesh", "igl", "h5py", "nibabel", "safetensors")
 
 
-@pytest.mark.parametrize("module", ["ndf_plugin_sdf.analytic", "ndf_plugin_sdf.mesh"])
+@pytest.mark.parametrize("module", ["analytic", "mesh", "neural", "grid"])
 def test_entry_modules_import_nothing_heavy(module: str) -> None:
-    code = f"import sys, {module} as m; m.ndf_representation(); print([x for x in {HEAVY} if x in sys.modules])"
+    code = (
+        f"import sys, ndf_plugin_sdf.{module} as m; m.ndf_representation()\n"
+        f"print([x for x in {HEAVY} if x in sys.modules])"
+    )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
@@ -50,7 +53,9 @@ def test_open_meshes_are_left_to_others(tmp_path: Path) -> None:
     assert (found.confidence, found.reason) == (0.3, "triangle mesh (STL), not closed")
 
 
-@pytest.mark.parametrize("spec", [analytic.ndf_representation(), mesh.ndf_representation()], ids=["analytic", "mesh"])
+@pytest.mark.parametrize(
+    "spec", [module.ndf_representation() for module in (analytic, mesh, neural, grid)], ids=lambda spec: spec.name
+)
 def test_specs_keep_the_contract(spec: RepresentationSpec) -> None:
     assert spec.api_version == 1
     assert spec.support == "full"
