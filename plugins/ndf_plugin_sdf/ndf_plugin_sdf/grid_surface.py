@@ -20,7 +20,7 @@ from ndf_plugin_sdf.capped_field import CappedField
 from ndf_plugin_sdf.defaults import TRAINING_DEFAULTS
 from ndf_plugin_sdf.grid import GridConfig
 from ndf_plugin_sdf.grid_field import GridField
-from ndf_plugin_sdf.volumes.parts import without_small_parts
+from ndf_plugin_sdf.volumes.parts import clear_of_zero, without_small_parts
 from ndf_plugin_sdf.volumes.read import framed, read_volume
 from ndf_plugin_sdf.volumes.threshold import border_above, chosen_iso
 from ndf_plugin_sdf.volumes.volume import Volume
@@ -95,6 +95,8 @@ def _phi(volume: Volume, config: GridConfig) -> tuple[Volume, list[str]]:
             f"no level set at {iso:.6g}: the values run from {low:.6g} to {high:.6g}; give another --iso"
         )
     values, dropped = without_small_parts(values, config.smallest_part)
+    if config.interpolation != "linear":
+        values = clear_of_zero(values)
     return replace(volume, values=values).cropped(values < 0, _MARGIN), [*notes, *dropped]
 
 

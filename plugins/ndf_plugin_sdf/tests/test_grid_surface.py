@@ -14,7 +14,7 @@ import pytest
 import torch
 from ndf_plugin_sdf.grid import GridConfig, sniff
 from ndf_plugin_sdf.grid_surface import open_grid
-from ndf_plugin_sdf.volumes.parts import without_small_parts
+from ndf_plugin_sdf.volumes.parts import clear_of_zero, without_small_parts
 from ndf_plugin_sdf.volumes.read import read_volume
 
 import ndf_core
@@ -135,6 +135,18 @@ def test_small_bodies_and_cavities_go_and_the_rest_stays() -> None:
     untouched = phi == ball()
     np.testing.assert_array_equal(cleaned[untouched], phi[untouched])
     assert without_small_parts(phi, 0.0)[0] is phi
+
+
+def test_splines_have_no_islands_that_no_voxel_shows() -> None:
+    """Beside two voxels close to zero, amid larger ones, the spline would swing across it."""
+    phi = np.where(ball() < 0, -10.0, 10.0).astype(np.float32)
+    phi[12, 10, 10:12] = -0.01
+    surface = open_grid(phi, GridConfig(iso=0.0, inside="below", smallest_part=0.0))
+    points, _ = surface.sample(4000, np.random.default_rng(0))  # pyright: ignore
+    assert np.linalg.norm(points - [12, 10, 10.5], axis=1).min() > 2
+    cleared = clear_of_zero(phi)
+    np.testing.assert_array_equal(cleared < 0, phi < 0)
+    assert (cleared == phi).sum() == phi.size - 2
 
 
 def test_splines_are_more_accurate_than_linear_interpolation() -> None:

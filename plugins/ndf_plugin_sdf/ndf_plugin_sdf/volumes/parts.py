@@ -62,3 +62,19 @@ def _labelled(where: Bool[Array, "x y z"], structure: Bool[Array, "3 3 3"] | Non
     # Declared to return a count alone or both; without `output` it is both.
     answer: Any = ndimage.label(where, structure)
     return answer[0]
+
+
+def clear_of_zero(phi: Float[Array, "x y z"]) -> Float[Array, "x y z"]:
+    """phi, with the voxels away from its surface kept at a distance from zero.
+
+    A spline swings: between voxels that all are of one side, but close to zero, it has islands of the other side that
+    no voxel shows. So |phi| is at least its usual value beside the surface wherever no neighbour has the other sign.
+    The surface itself, which lies between neighbours of different signs, keeps its voxels.
+    """
+    inside = phi < 0
+    all_inside = np.asarray(ndimage.minimum_filter(inside, 3), bool)
+    none_inside = ~np.asarray(ndimage.maximum_filter(inside, 3), bool)
+    beside = ~(all_inside | none_inside)
+    level = np.float32(np.median(np.abs(phi[beside])))
+    cleared = np.where(all_inside, np.minimum(phi, -level), phi)
+    return np.where(none_inside, np.maximum(cleared, level), cleared)
