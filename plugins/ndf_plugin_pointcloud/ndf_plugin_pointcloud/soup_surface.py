@@ -35,7 +35,7 @@ _NEIGHBOURS = 50_000
 """Points on the triangles among which the eight nearest neighbours of the paper are found."""
 _RAYS, _LIFT = 20_000, 1e-4
 """Points from which it is looked whether a side sees the outside, and how far above the triangle, in sizes."""
-_BOUNDARY = 0.6
+_BOUNDARY = 0.75
 """Least share of the area seen from outside across which w - 1/2 has to change sign."""
 _RADIUS = 0.01
 """Of a dilation, in sizes."""
