@@ -63,7 +63,8 @@ def test_colors(suffix: str, tmp_path: Path) -> None:
     write_mesh(tmp_path / f"m{suffix}", vertices, faces, colors)
     again = read(tmp_path / f"m{suffix}")
     np.testing.assert_allclose(corners_of(again), vertices[faces], rtol=0, atol=1e-6)
-    found = np.asarray(again.visual.vertex_colors)[np.asarray(again.faces)][..., :3]  # type: ignore[union-attr]
+    assert isinstance(again.visual, trimesh.visual.ColorVisuals)
+    found = np.asarray(again.visual.vertex_colors)[np.asarray(again.faces)][..., :3]
     np.testing.assert_allclose(found.astype(int), colors[faces].astype(int), atol=1)
 
 

@@ -45,7 +45,7 @@ def read(path: Path, content: bytes) -> int:
         assert peak < MOST_MEMORY, f"{peak / 1e6:.0f} MB"
 
 
-def refused(path: Path, content: bytes, match: str) -> None:
+def check_refused(path: Path, content: bytes, match: str) -> None:
     with pytest.raises(InputError, match=match) as caught:
         read(path, content)
     assert str(path) in str(caught.value)
@@ -61,8 +61,8 @@ def test_files_cut_off_anywhere_are_refused(case: str, tmp_path: Path) -> None:
         if case == "splat" and len(part) % 32 == 0:
             assert read(tmp_path / name, part) == len(part) // 32  # there is no header that could tell
         else:
-            refused(tmp_path / name, part, "cannot be read|no file of")
-    refused(tmp_path / name, whole[:-1], "cannot be read|no file of")
+            check_refused(tmp_path / name, part, "cannot be read|no file of")
+    check_refused(tmp_path / name, whole[:-1], "cannot be read|no file of")
 
 
 @pytest.mark.parametrize("case", WRITERS)
@@ -82,14 +82,14 @@ def test_damaged_bytes_never_crash(case: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("case", ["inria", "compressed"])
 def test_ply_headers_that_count_wrong_are_refused(case: str, count: str, tmp_path: Path) -> None:
     whole = WRITERS[case][1]()
-    refused(
+    check_refused(
         tmp_path / "a.ply", whole.replace(b"vertex 300", b"vertex " + count.encode()), "cannot be read|no file of"
     )
 
 
 def test_chunks_that_do_not_fit_the_splats_are_refused(tmp_path: Path) -> None:
     whole = WRITERS["compressed"][1]()
-    refused(tmp_path / "a.ply", whole.replace(b"chunk 2", b"chunk 1"), "chunks of 256")
+    check_refused(tmp_path / "a.ply", whole.replace(b"chunk 2", b"chunk 1"), "chunks of 256")
 
 
 @pytest.mark.parametrize("count", [0, 1 << 31, 0xFFFFFFFF, 301, MOST_SPLATS])
@@ -98,32 +98,32 @@ def test_spz_headers_that_count_wrong_are_refused(version: int, count: int, tmp_
     whole = spz(SPLATS, version)
     raw = gzip.decompress(whole) if version == 2 else whole
     lying = raw[:8] + struct.pack("<I", count) + raw[12:]
-    refused(tmp_path / "a.spz", gzip.compress(lying) if version == 2 else lying, "announces|need|holds")
+    check_refused(tmp_path / "a.spz", gzip.compress(lying) if version == 2 else lying, "announces|need|holds")
 
 
 @pytest.mark.parametrize("version", [0, 5, 255])
 def test_unknown_versions_of_spz_are_named(version: int, tmp_path: Path) -> None:
     raw = spz(SPLATS, 4)
-    refused(tmp_path / "a.spz", raw[:4] + struct.pack("<I", version) + raw[8:], f"version {version}")
+    check_refused(tmp_path / "a.spz", raw[:4] + struct.pack("<I", version) + raw[8:], f"version {version}")
 
 
 def test_a_gzip_bomb_is_unpacked_no_further_than_the_header_says(tmp_path: Path) -> None:
     raw = gzip.decompress(spz(SPLATS, 3))
-    refused(tmp_path / "a.spz", gzip.compress(raw + bytes(200 << 20), 1), "goes on after its splats")
+    check_refused(tmp_path / "a.spz", gzip.compress(raw + bytes(200 << 20), 1), "goes on after its splats")
 
 
 def test_a_zstd_bomb_is_unpacked_no_further_than_the_header_says(tmp_path: Path) -> None:
     bomb = zstandard.ZstdCompressor().compress(bytes(200 << 20))
     raw = spz(SPLATS, 4)
     lying = raw[:32] + struct.pack("<QQ", len(bomb), 300 * 9) + raw[48 : 32 + 16 * 5] + bomb
-    refused(tmp_path / "a.spz", lying, "announces|holds|damaged")
+    check_refused(tmp_path / "a.spz", lying, "announces|holds|damaged")
 
 
 def test_pictures_that_blow_up_are_not_decoded(tmp_path: Path) -> None:
     files = sog_files(SPLATS)
     files["quats.webp"] = picture(np.zeros((4096 * 4096, 4), np.uint8), 4096)
     path = tmp_path / "a.sog"
-    refused(path, zipped(files), "16,777,216 pixels for 300 splats")
+    check_refused(path, zipped(files), "16,777,216 pixels for 300 splats")
 
 
 def test_zip_bombs_are_not_unpacked(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_zip_bombs_are_not_unpacked(tmp_path: Path) -> None:
         with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             for key, content in files.items():
                 archive.writestr(key, content)
-        refused(tmp_path / "a.sog", out.getvalue(), f"{name} unpacks to more than")
+        check_refused(tmp_path / "a.sog", out.getvalue(), f"{name} unpacks to more than")
 
 
 @pytest.mark.parametrize("name", ["../secret.webp", "/etc/passwd", "a\\b.webp", "", ".."])
@@ -165,19 +165,19 @@ def test_names_that_lead_out_of_the_folder_are_refused(name: str, tmp_path: Path
 def test_descriptions_that_are_wrong_are_refused(change: dict[str, object], match: str, tmp_path: Path) -> None:
     files = sog_files(SPLATS)
     meta = json.loads(files["meta.json"]) | change
-    refused(tmp_path / "a.sog", zipped(files | {"meta.json": json.dumps(meta).encode()}), match)
+    check_refused(tmp_path / "a.sog", zipped(files | {"meta.json": json.dumps(meta).encode()}), match)
 
 
 def test_a_list_as_description_is_refused(tmp_path: Path) -> None:
-    refused(tmp_path / "a.sog", zipped(sog_files(SPLATS) | {"meta.json": b"[1]"}), "how many splats")
-    refused(tmp_path / "a.sog", zipped(sog_files(SPLATS) | {"meta.json": b"["}), "is no JSON")
+    check_refused(tmp_path / "a.sog", zipped(sog_files(SPLATS) | {"meta.json": b"[1]"}), "how many splats")
+    check_refused(tmp_path / "a.sog", zipped(sog_files(SPLATS) | {"meta.json": b"["}), "is no JSON")
 
 
 def test_files_of_another_kind_are_refused(tmp_path: Path) -> None:
-    refused(tmp_path / "a.ply", b"PNG not at all", "no file of Gaussian splats")
-    refused(tmp_path / "a.spz", b"PNG not at all", "cannot be read as .spz")
-    refused(tmp_path / "a.sog", b"PNG not at all", "cannot be read as .sog")
-    refused(tmp_path / "a.splat", b"x" * 33, "no whole number of rows")
+    check_refused(tmp_path / "a.ply", b"PNG not at all", "no file of Gaussian splats")
+    check_refused(tmp_path / "a.spz", b"PNG not at all", "cannot be read as .spz")
+    check_refused(tmp_path / "a.sog", b"PNG not at all", "cannot be read as .sog")
+    check_refused(tmp_path / "a.splat", b"x" * 33, "no whole number of rows")
 
 
 def test_numbers_that_are_not_finite_are_left_out_and_counted(tmp_path: Path) -> None:
@@ -190,4 +190,4 @@ def test_numbers_that_are_not_finite_are_left_out_and_counted(tmp_path: Path) ->
     assert len(found) == 288
     assert "12 splats with numbers that are not finite were left out" in notes[1]
     bad["centres"][:] = np.nan
-    refused(tmp_path / "a.ply", inria(bad), "none of its 300 splats has finite numbers")
+    check_refused(tmp_path / "a.ply", inria(bad), "none of its 300 splats has finite numbers")

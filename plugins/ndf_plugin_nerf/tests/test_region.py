@@ -34,7 +34,9 @@ def test_a_background_below_is_cut_off_and_said() -> None:
     region = find_region(scene, None, THRESHOLD, 0.05)
     assert -0.9 < region.box.lower[2] < -0.3
     (note,) = region.notes
-    corners = [float(x) for x in re.search(r"--crop ([-\d.,e]+)", note).group(1).split(",")]  # type: ignore[union-attr]
+    said = re.search(r"--crop ([-\d.,e]+)", note)
+    assert said is not None
+    corners = [float(x) for x in said[1].split(",")]
     np.testing.assert_allclose(corners, [*region.box.lower, *region.box.upper], rtol=0.02, atol=2e-3)
     again = find_region(scene, Box(np.array(corners[:3]), np.array(corners[3:])), THRESHOLD, 0.05)
     assert again.notes == ()
