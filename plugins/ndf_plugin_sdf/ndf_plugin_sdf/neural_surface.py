@@ -144,19 +144,15 @@ def _level(description: NetworkDescription, iso: float | None) -> float:
     Raises:
         InputError: the function does not reach the iso value.
     """
-    match description.output:
-        case "none":
-            return iso or 0.0
-        case "tanh":
-            low, level, value = -1.0, float(np.arctanh(np.clip(iso or 0.0, -1, 1))), iso or 0.0
-        case "sigmoid":
-            low, value = 0.0, 0.5 if iso is None else iso
-            level = float(np.log(value) - np.log1p(-value)) if 0 < value < 1 else 0.0
+    if description.output == "none":
+        return iso or 0.0
+    low, usual = (-1.0, 0.0) if description.output == "tanh" else (0.0, 0.5)
+    value = usual if iso is None else iso
     if not low < value < 1.0:
         raise InputError(
             f"the iso value {value:g} is not between {low:g} and 1, all that a {description.output} gives"
         )
-    return level
+    return float(np.arctanh(value) if description.output == "tanh" else np.log(value) - np.log1p(-value))
 
 
 def _empty(coarse: Coarse) -> str:

@@ -133,11 +133,30 @@ def test_the_encoding_is_pulled_back_as_autograd_does(order: Any, include: bool)
     torch.testing.assert_close(encoding.pull_back(points.detach(), weights), expected)
 
 
-def test_encodings_by_axis_are_sdfstudios() -> None:
+def test_encodings_by_axis_are_nerfstudios() -> None:
     points = torch.rand(5, 3, dtype=torch.float64)
     angles = (2 * torch.pi * points[..., None] * 2.0 ** torch.arange(2)).reshape(5, 6)
     expected = torch.cat([points, torch.sin(torch.cat([angles, angles + torch.pi / 2], dim=1))], dim=1)
     torch.testing.assert_close(Encoding(2, True, 2 * torch.pi, "axis").encode(points), expected)
+
+
+@pytest.mark.parametrize(("more", "preset"), [((), "nerfstudio"), (("laplace_density.beta",), "sdfstudio")])
+def test_a_field_with_colours_beside_it_is_told_by_its_names(more: tuple[str, ...], preset: str) -> None:
+    sizes = [(40, 71), (40, 40), (40, 40), (9, 40), (40, 80), (5, 40)]
+    weights = {f"pipeline._model.field.glin{i}.weight": np.ones(size) for i, size in enumerate(sizes)}
+    weights |= {f"pipeline._model.field.clin{i}.weight": np.ones(size) for i, size in enumerate([(8, 66), (3, 8)])}
+    weights |= {f"pipeline._model.field.{name}": np.ones(1) for name in more}
+    _, description, notes = read(weights)
+    assert description.preset == preset
+    assert description.base_frequency == (1.0 if preset == "sdfstudio" else pytest.approx(2 * np.pi))
+    assert any("features of its grid are taken to be zeros" in note for note in notes)
+
+
+def test_the_distance_of_volsdf_is_taken_not_its_colours() -> None:
+    sizes = [(40, 39), (40, 40), (40, 40), (1, 40), (40, 40), (5, 40)]
+    weights = {f"model.implicit_network.lin{i}.weight": np.ones(size) for i, size in enumerate(sizes)}
+    weights |= {f"model.rendering_network.lin{i}.weight": np.ones(size) for i, size in enumerate([(8, 33), (3, 8)])}
+    assert read(weights)[1].preset == "neus"
 
 
 def test_sdfstudio_inputs_without_grid_features_count_for_nothing() -> None:

@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 from ndf_core.errors import InputError
 from ndf_plugin_sdf.networks.activations import activation
 from ndf_plugin_sdf.networks.chain import Chain
-from ndf_plugin_sdf.networks.description import NetworkDescription
+from ndf_plugin_sdf.networks.description import FIELD_PRESETS, NetworkDescription
 from ndf_plugin_sdf.networks.encoding import Encoding
 from ndf_plugin_sdf.networks.mlp import Dense, Mlp
 
@@ -57,17 +57,17 @@ def assemble(chain: Chain, description: NetworkDescription) -> Mlp:
 def _encoding(chain: Chain, description: NetworkDescription) -> Encoding:
     """3 numbers are a point, 3 + 6 f a point and f octaves, 6 f octaves alone.
 
-    SDFStudio appends the features of a grid, which are zeros where it has none: they count for nothing.
+    SDFStudio and nerfstudio append the features of a grid, zeros where there is none: they count for nothing.
     """
     width = chain.input_width
     octaves = description.frequencies
     if octaves is None:
-        if description.preset == "sdfstudio":
+        if description.preset in FIELD_PRESETS:
             octaves = min(6, (width - 3) // 6)
         else:
             octaves = (width - 3) // 6 if width % 6 == 3 else width // 6
     own = 6 * octaves + (0 if width == 6 * octaves else 3)
-    if width != own and not (description.preset == "sdfstudio" and width > own):
+    if width != own and not (description.preset in FIELD_PRESETS and width > own):
         raise InputError(
             f"layer {chain.layers[0].name!r} takes {width} numbers, which is no point (3) with an encoding of "
             f"{octaves} octaves (6 each); this is a network of something else, or one with a latent code"

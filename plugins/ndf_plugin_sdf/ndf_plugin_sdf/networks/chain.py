@@ -14,6 +14,7 @@ from numpy import ndarray as Array
 
 from ndf_core.errors import InputError
 from ndf_plugin_sdf.networks.description import ActivationName
+from ndf_plugin_sdf.networks.likeness import is_distance
 
 NamedArrays = Mapping[str, Array]
 
@@ -75,7 +76,7 @@ def find_chain(arrays: NamedArrays, prefix: str | None) -> Chain:
         raise InputError(f"there are no weights of layers among the arrays {_listed(named)}")
     used = [named_group for named_group in _groups(pairs) if _linked(named_group) is not None]
     if len(used) > 1:
-        used = [group for group in used if "sdf" in group[0].name.lower()] or used
+        used = [group for group in used if is_distance(group[0].name)] or used
     if len(used) != 1:
         found = ", ".join(f"{group[0].name!r} ({len(group)} layers)" for group in used) or "none"
         shapes = ", ".join(f"{layer.name} {layer.weight.shape}" for layer in pairs[:12])

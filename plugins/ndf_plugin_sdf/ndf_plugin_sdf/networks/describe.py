@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from ndf_plugin_sdf.networks.chain import Chain
-from ndf_plugin_sdf.networks.description import NetworkDescription, Preset
+from ndf_plugin_sdf.networks.description import FIELD_PRESETS, NetworkDescription, Preset
+
+_ENCODED = 39
+"""Width of a point with six octaves."""
 
 
 def described(chain: Chain, given: NetworkDescription) -> tuple[NetworkDescription, list[str]]:
@@ -23,6 +26,8 @@ def described(chain: Chain, given: NetworkDescription) -> tuple[NetworkDescripti
     width = f"{widths[0]}" if len(widths) == 1 else f"{widths[0]} to {widths[-1]}"
     hidden, skips = len(chain.layers) - 1, ", ".join(map(str, chain.skips))
     notes.insert(0, f"{hidden} x {width} {description.activation}{f', skips at {skips}' if skips else ''}")
+    if description.preset in FIELD_PRESETS and chain.input_width > _ENCODED:
+        notes.append("the features of its grid are taken to be zeros, as they are without use_grid_feature")
     if chain.ignored:
         rest = f" and {len(chain.ignored) - 3} more" if len(chain.ignored) > 3 else ""
         notes.append(f"not a part of the network: {', '.join(chain.ignored[:3])}{rest}")
@@ -30,7 +35,8 @@ def described(chain: Chain, given: NetworkDescription) -> tuple[NetworkDescripti
 
 
 def _preset(chain: Chain) -> Preset | None:
-    """NeuS calls its layers lin0, lin1, ..., SDFStudio glin0, ..., and both join their input again at the fourth.
+    """NeuS calls its layers lin0, lin1, ..., SDFStudio and nerfstudio glin0, ..., and all join their input again at
+    the fourth. Of the last two only SDFStudio's field has a Laplace density.
 
     DeepSDF's are called lin0 as well, but it has neither an encoding nor a second output.
     """
@@ -39,5 +45,5 @@ def _preset(chain: Chain) -> Preset | None:
     if chain.skips != (4,) or outputs == 1:
         return None
     if name == "glin0":
-        return "sdfstudio"
+        return "sdfstudio" if any("laplace_density" in other for other in chain.ignored) else "nerfstudio"
     return "neus" if name == "lin0" and chain.input_width > 3 else None

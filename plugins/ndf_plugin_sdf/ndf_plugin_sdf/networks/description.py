@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 ActivationName = Literal["relu", "leaky_relu", "elu", "softplus", "sine", "tanh"]
-Preset = Literal["neus", "sdfstudio", "deepsdf", "siren"]
+Preset = Literal["neus", "sdfstudio", "nerfstudio", "deepsdf", "siren"]
 
 
 class NetworkDescription(BaseModel):
@@ -78,10 +78,20 @@ PRESETS: Mapping[Preset, Mapping[str, Any]] = {
         "activation": "softplus",
         "beta": 100.0,
         "skip_scale": 0.5**0.5,
+        "encoding_order": "axis",
+    },
+    "nerfstudio": {
+        "activation": "softplus",
+        "beta": 100.0,
+        "skip_scale": 0.5**0.5,
         "base_frequency": 6.283185307179586,
         "encoding_order": "axis",
     },
     "deepsdf": {"activation": "relu", "output": "tanh"},
     "siren": {"activation": "sine", "omega": 30.0},
 }
-"""NeuS (Wang et al. 2021), also IDR and VolSDF: models/fields.py. SDFStudio: its SDFField without grid features."""
+"""NeuS (Wang et al. 2021), also IDR and VolSDF: models/fields.py. SDFStudio and nerfstudio: their SDFField without
+grid features; its layers have the same names in both, but SDFStudio's encoding leaves out the factor of 2 pi."""
+
+FIELD_PRESETS: frozenset[Preset | None] = frozenset({"sdfstudio", "nerfstudio"})
+"""Those whose input goes on with the features of a grid."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
+_DISTANCE = ("sdf", "implicit", "glin")
+"""NeuS's network, that of IDR and VolSDF, the layers of SDFStudio and nerfstudio."""
 _RADIANCE = ("rgb", "color", "colour", "views", "layers_dir", "dir_encod", "sh_net", "direction")
 
 
@@ -22,4 +24,9 @@ def is_point_network(shapes: Mapping[str, tuple[int, ...]]) -> bool:
 def is_radiance(names: Iterable[str]) -> bool:
     """Whether names speak of colours or directions: it is a NeRF then, unless it also has an SDF (NeuS)."""
     lower = [name.lower() for name in names]
-    return any(word in name for word in _RADIANCE for name in lower) and not any("sdf" in name for name in lower)
+    return any(word in name for word in _RADIANCE for name in lower) and not any(map(is_distance, lower))
+
+
+def is_distance(name: str) -> bool:
+    """Whether an array's name says that it belongs to a signed distance network."""
+    return any(word in name.lower() for word in _DISTANCE)
