@@ -34,6 +34,8 @@ class Dots(NamedTuple):
     colours: Float[Array, "n 3"] | None
     normals: Float[Array, "n 3"] | None
     what: str
+    closed: bool = False
+    """Whether what faces away is hidden by something in front."""
 
 
 def picture(path: Path, representation: str, mesh: Triangles) -> UInt8[Array, "h w 3"]:
@@ -75,11 +77,14 @@ def input_of(path: Path, representation: str) -> Dots | Triangles:
     surface = ndf_core.open(path, repr=representation)
     assert surface.sample is not None, f"{representation} has no samples to show"
     points, normals = surface.sample(SAMPLES, np.random.default_rng(0))
-    return Dots(points, None, normals, "samples of the level set")
+    return Dots(points, None, normals, "samples of the level set", closed=True)
 
 
 def paint(dots: Dots, camera: Camera) -> UInt8[Array, "h w 3"]:
     """Squares, near ones over far ones; without colours clay under studio light, or darker with depth."""
+    if dots.closed and dots.normals is not None:
+        facing = ((camera.eye - dots.points) * dots.normals).sum(axis=1) > 0
+        dots = dots._replace(points=dots.points[facing], normals=dots.normals[facing])
     place = (dots.points - camera.eye) @ camera.axes.T
     if dots.colours is not None:
         colours = dots.colours
