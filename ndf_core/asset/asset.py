@@ -12,7 +12,8 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.asset.content import AssetContent
-from ndf_core.asset.fields import FieldEvaluator
+from ndf_core.asset.dense_map import BaseLocator
+from ndf_core.asset.fields import FieldEvaluator, decoded
 from ndf_core.asset.file import FORMAT_VERSION, asset_bytes, part_bytes, read_asset, write_asset
 from ndf_core.mesh import topology
 
@@ -90,6 +91,39 @@ class Asset:
         """
         return self.evaluator(field).at_base(faces, barycentric, threads)
 
+    def values(
+        self, field: str, faces: Int[Array, " n"], barycentric: Float[Array, "n 3"], threads: int = 1
+    ) -> Array:
+        """A learned field at points of the base mesh, such as `base_faces` and `barycentric` of an extracted mesh.
+
+        Returns:
+            (n, k) float32 for a continuous field, (n, k) truth values for a binary one, (n,) classes otherwise.
+
+        Raises:
+            AssetError: there is no such field over the base mesh, or a face does not exist.
+        """
+        evaluator = self.evaluator(field)
+        return decoded(evaluator.block, evaluator.at_base(faces, barycentric, threads))
+
+    @cached_property
+    def _locator(self) -> BaseLocator:
+        """The index behind `locate`; made when first needed."""
+        return BaseLocator(self.evaluator(), len(self.content.faces))
+
+    def locate(
+        self, points: Float[Array, "n 3"], threads: int = 1
+    ) -> tuple[Int[Array, " n"], Float[Array, "n 3"], Float[Array, " n"]]:
+        """The base points that are mapped closest to points of the input frame, and their distances, input units.
+
+        Laws: rows are independent; a mapped base point is found again, to the chord error of a fine mesh.
+
+        Raises:
+            ValueError: a point is not finite.
+        """
+        content = self.content
+        faces, barycentric, distances = self._locator.closest((points - content.center) / content.scale, threads)
+        return faces, barycentric, distances * content.scale
+
     def map_points(
         self, faces: Int[Array, " n"], barycentric: Float[Array, "n 3"], threads: int = 1
     ) -> Float[Array, "n 3"]:
@@ -156,4 +190,7 @@ def _describe(evaluator: FieldEvaluator) -> dict[str, Any]:
         "base_frequency": block.encoding.base_frequency,
         "include_position": block.encoding.include_position,
         "residual": block.residual,
+        "columns": block.columns,
+        **({"latent_codes": list(block.latent_shape)} if block.latent is not None else {}),
+        **({"labels": list(block.labels)} if block.labels else {}),
     }

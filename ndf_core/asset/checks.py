@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ndf_core.asset import limits
-from ndf_core.asset.content import AssetContent, FieldBlock, QuantisedArray, Stored
+from ndf_core.asset.content import AssetContent, FieldBlock, QuantisedArray, Stored, stored_shape
 from ndf_core.errors import AssetError
 
 _OUTPUTS = {"displacement": 3, "inverse": 3}
@@ -50,7 +50,7 @@ def _check_block(block: FieldBlock, vertices: int) -> None:
         raise AssetError(f"{where} has {len(block.weights)} weight and {len(block.biases)} bias arrays")
     if block.activation != "relu":
         raise AssetError(f"{where} has the activation {block.activation!r}; this program knows relu")
-    features = _shape(block.features)
+    features = stored_shape(block.features)
     if len(features) != 2 or features[0] != vertices or features[1] > limits.FEATURE_DIM:
         raise AssetError(f"{where} has features of shape {features} for {vertices} vertices")
     if block.domain == "space" and features[1]:
@@ -60,12 +60,22 @@ def _check_block(block: FieldBlock, vertices: int) -> None:
     if block.encoding.base_frequency * 2.0**block.encoding.levels > limits.FREQUENCY:
         raise AssetError(f"{where} has an encoding of too high a frequency")
     width = block.encoding.width + features[1]
+    if block.latent is not None:
+        latent = stored_shape(block.latent)
+        if len(latent) != 2 or not 1 <= latent[0] <= limits.WIDTH or not 1 <= latent[1] <= limits.FEATURE_DIM:
+            raise AssetError(f"{where} has latent codes of shape {latent}")
+        if block.kind in _OUTPUTS or block.residual:
+            raise AssetError(f"{where} is of kind {block.kind} and cannot have latent codes")
+        _check_numbers(block.latent, where)
+        width += latent[1]
     if not 1 <= width <= limits.WIDTH:
         raise AssetError(f"{where} has {width} inputs, 1 to {limits.WIDTH} are allowed")
     for i, (weights, biases) in enumerate(zip(block.weights, block.biases, strict=True)):
-        outputs = _shape(biases)[0] if len(_shape(biases)) == 1 else -1
-        if not 1 <= outputs <= limits.WIDTH or _shape(weights) != (outputs, width):
-            raise AssetError(f"{where} has weights {_shape(weights)} and biases {_shape(biases)} for {width} inputs")
+        outputs = stored_shape(biases)[0] if len(stored_shape(biases)) == 1 else -1
+        if not 1 <= outputs <= limits.WIDTH or stored_shape(weights) != (outputs, width):
+            raise AssetError(
+                f"{where} has weights {stored_shape(weights)} and biases {stored_shape(biases)} for {width} inputs"
+            )
         width = outputs
         for array in (weights, biases):
             _check_numbers(array, f"{where}, layer {i},")
@@ -73,10 +83,10 @@ def _check_block(block: FieldBlock, vertices: int) -> None:
     needed = 3 if block.residual else _OUTPUTS.get(block.kind, width)
     if width != needed:
         raise AssetError(f"{where} has {width} outputs, {needed} are needed")
-
-
-def _shape(array: Stored) -> tuple[int, ...]:
-    return array.codes.shape if isinstance(array, QuantisedArray) else array.shape
+    if block.columns > limits.WIDTH:
+        raise AssetError(f"{where} has {block.columns} columns, {limits.WIDTH} are allowed")
+    if block.labels and len(block.labels) != block.columns:
+        raise AssetError(f"{where} has {len(block.labels)} labels for {block.columns} columns")
 
 
 def _check_numbers(array: Stored, where: str) -> None:

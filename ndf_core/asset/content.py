@@ -29,6 +29,11 @@ Stored = QuantisedArray | np.ndarray
 """An array as the file keeps it: quantised, or plain float32/float16."""
 
 
+def stored_shape(array: Stored) -> tuple[int, ...]:
+    """Its shape."""
+    return array.codes.shape if isinstance(array, QuantisedArray) else array.shape
+
+
 def values_of(array: Stored) -> Float[Array, "..."]:
     """The float32 numbers that a stored array stands for."""
     return array.values if isinstance(array, QuantisedArray) else array.astype(np.float32)
@@ -53,11 +58,15 @@ class Encoding:
 
 @dataclass(frozen=True)
 class FieldBlock:
-    """One network over the base mesh (or over space): input [encoding(x), features(x)], ReLU between layers.
+    """One network over the base mesh (or over space): input [encoding(x), features(x), code], ReLU between layers.
 
     The features at a base point are the barycentric mean of its face's three vertex features. `residual` adds x to
     the output (displacement and inverse). `domain` says what x is: "base" a point of the base mesh, "space" any
     point of the box frame (then there are no features: shape (v, 0)).
+
+    A block may hold several fields: as the outputs of the network, or, with `latent`, by running the network once for
+    each code (Sec. 3.5, App. B.5). Outputs mean the value itself where the kind is "continuous", log-odds where it is
+    "binary", and one score per class where it is "categorical".
     """
 
     name: str
@@ -67,16 +76,29 @@ class FieldBlock:
     features: Stored
     """(v, d), in the order of the base mesh's vertices; d may be 0."""
     weights: tuple[Stored, ...]
-    """Layer i: (out_i, in_i); in_0 = encoding.width + d."""
+    """Layer i: (out_i, in_i); in_0 = encoding.width + d + c."""
     biases: tuple[Stored, ...]
     """Layer i: (out_i,)."""
     activation: Literal["relu"]
     residual: bool
+    latent: Stored | None = None
+    """(k, c): the codes of k fields, numbers that the network sees beside the features; None where there is none."""
+    labels: tuple[str, ...] = ()
+    """Names of the columns of the answer, or of the classes; none, or one for each."""
 
     @property
     def feature_dim(self) -> int:
-        array = self.features.codes if isinstance(self.features, QuantisedArray) else self.features
-        return int(array.shape[1])
+        return stored_shape(self.features)[1]
+
+    @property
+    def latent_shape(self) -> tuple[int, int]:
+        """(k, c), or (0, 0) without latent codes."""
+        return (0, 0) if self.latent is None else (stored_shape(self.latent)[0], stored_shape(self.latent)[1])
+
+    @property
+    def columns(self) -> int:
+        """Columns of the answer: outputs of the network, once for each latent code."""
+        return stored_shape(self.biases[-1])[0] * max(1, self.latent_shape[0])
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
@@ -12,9 +14,11 @@ from ndf_core.kernels.field import FieldArrays, evaluate_field, evaluate_space_f
 
 
 def field_arrays(block: FieldBlock) -> FieldArrays:
-    """The block's numbers as the kernel takes them."""
+    """The block's numbers as the kernel takes them, without what it does with latent codes."""
     weights = [values_of(array) for array in block.weights]
     biases = [values_of(array) for array in block.biases]
+    if block.latent is not None:
+        weights[0] = np.ascontiguousarray(weights[0][:, : -block.latent_shape[1]])
     parts = [part.ravel() for layer in zip(weights, biases, strict=True) for part in layer]
     widths = [weights[0].shape[1], *(len(array) for array in biases)]
     return FieldArrays(
@@ -43,13 +47,13 @@ class FieldEvaluator:
 
     @property
     def widths(self) -> list[int]:
-        """Inputs of the network, then outputs of every layer."""
+        """Inputs of the network, latent codes not counted, then outputs of every layer."""
         return [int(width) for width in self._arrays.widths]
 
     def at_base(
         self, faces: Int[Array, " n"], barycentric: Float[Array, "n 3"], threads: int = 1
     ) -> Float[Array, "n k"]:
-        """At points of the base mesh: face indices and barycentric weights in them.
+        """At points of the base mesh: face indices and barycentric weights in them; one code's columns after another.
 
         Raises:
             AssetError: the field is over space, or a face does not exist.
@@ -57,11 +61,14 @@ class FieldEvaluator:
         if self.block.domain != "base":
             raise AssetError(f"the field {self.block.name!r} is over space; evaluate it at points")
         try:
-            return evaluate_field(
-                self._arrays, faces, barycentric, self._content.vertices, self._content.faces, threads
-            )
+            content = self._content
+            parts = [
+                evaluate_field(network, faces, barycentric, content.vertices, content.faces, threads)
+                for network in self._networks()
+            ]
         except (IndexError, ValueError) as error:
             raise AssetError(f"cannot evaluate the field {self.block.name!r}: {error}") from error
+        return _side_by_side(parts)
 
     def at_points(self, points: Float[Array, "n 3"], threads: int = 1) -> Float[Array, "n k"]:
         """At points of the box frame.
@@ -74,6 +81,31 @@ class FieldEvaluator:
                 f"the field {self.block.name!r} is over the base mesh; give faces and barycentric weights"
             )
         try:
-            return evaluate_space_field(self._arrays, points, threads)
+            parts = [evaluate_space_field(network, points, threads) for network in self._networks()]
         except ValueError as error:
             raise AssetError(f"cannot evaluate the field {self.block.name!r}: {error}") from error
+        return _side_by_side(parts)
+
+    def _networks(self) -> Iterator[FieldArrays]:
+        """The network for each latent code: a code adds the same to the first layer everywhere, so to its bias."""
+        latent = self.block.latent
+        if latent is None:
+            yield self._arrays
+            return
+        weights = values_of(self.block.weights[0])[:, -self.block.latent_shape[1] :]
+        inputs, outputs = self.widths[:2]
+        for code in values_of(latent):
+            parameters = self._arrays.parameters.copy()
+            parameters[inputs * outputs : (inputs + 1) * outputs] += weights @ code
+            yield self._arrays._replace(parameters=parameters)
+
+
+def _side_by_side(parts: list[Float[Array, "n k"]]) -> Float[Array, "n c"]:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+
+def decoded(block: FieldBlock, outputs: Float[Array, "n k"]) -> Array:
+    """What a field's outputs mean: values (n, k), truth values (n, k) for a binary one, or classes (n,)."""
+    if block.kind == "binary":
+        return outputs > 0
+    return outputs.argmax(axis=1) if block.kind == "categorical" else outputs

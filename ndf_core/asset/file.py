@@ -11,7 +11,8 @@ Layout of version 1, all integers little-endian:
     base mesh      a Draco blob
     digest         the first 16 bytes of the SHA-256 of everything before it
 
-Fields are in order of their names; their arrays are the features, then weights and biases layer by layer.
+Fields are in order of their names; their arrays are the features, latent codes where there are any, then weights and
+biases layer by layer.
 """
 
 from __future__ import annotations
@@ -186,7 +187,8 @@ def _size(shape: tuple[int, ...]) -> int:
 def _arrays(block: FieldBlock) -> list[Stored]:
     """The arrays of a block in the order of `FieldHeader.shapes`."""
     layers = zip(block.weights, block.biases, strict=True)
-    return [block.features, *(array for layer in layers for array in layer)]
+    latent = [] if block.latent is None else [block.latent]
+    return [block.features, *latent, *(array for layer in layers for array in layer)]
 
 
 def _matrix(codes: np.ndarray) -> np.ndarray:
@@ -206,6 +208,8 @@ def _field_header(block: FieldBlock) -> FieldHeader:
             Layer(len(_plain(biases)), _store(weights), _store(biases))
             for weights, biases in zip(block.weights, block.biases, strict=True)
         ),
+        latent=None if block.latent is None else (*block.latent_shape, _store(block.latent)),
+        labels=block.labels,
     )
 
 
@@ -242,7 +246,8 @@ def _read_arrays(shapes: list[tuple[tuple[int, ...], Store]], codes: bytes, plai
 
 def _field_block(field: FieldHeader, arrays: list[Stored]) -> FieldBlock:
     """Take the arrays of one field from the front of the list."""
-    count = 1 + 2 * len(field.layers)
+    first = 1 if field.latent is None else 2
+    count = first + 2 * len(field.layers)
     own = arrays[:count]
     del arrays[:count]
     return FieldBlock(
@@ -251,8 +256,10 @@ def _field_block(field: FieldHeader, arrays: list[Stored]) -> FieldBlock:
         domain=field.domain,  # pyright: ignore[reportArgumentType]  # one of header.DOMAINS
         encoding=field.encoding,
         features=own[0],
-        weights=tuple(own[1::2]),
-        biases=tuple(own[2::2]),
+        weights=tuple(own[first::2]),
+        biases=tuple(own[first + 1 :: 2]),
         activation="relu",
         residual=field.residual,
+        latent=None if field.latent is None else own[1],
+        labels=field.labels,
     )

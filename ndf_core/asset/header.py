@@ -43,11 +43,18 @@ class FieldHeader:
     feature_dim: int
     features: Store
     layers: tuple[Layer, ...]
+    latent: tuple[int, int, Store] | None = None
+    """Number and length of the latent codes, and how they are kept."""
+    labels: tuple[str, ...] = ()
 
     def shapes(self, vertices: int) -> list[tuple[tuple[int, ...], Store]]:
-        """Shape and store of each array in the order of the file: features, then weights and biases by layer."""
+        """Shape and store of each array in the order of the file: features, latent codes, weights and biases."""
         arrays: list[tuple[tuple[int, ...], Store]] = [((vertices, self.feature_dim), self.features)]
         inputs = self.encoding.width + self.feature_dim
+        if self.latent is not None:
+            count, length, store = self.latent
+            arrays.append(((count, length), store))
+            inputs += length
         for layer in self.layers:
             arrays.append(((layer.outputs, inputs), layer.weights))
             arrays.append(((layer.outputs,), layer.biases))
@@ -100,7 +107,11 @@ def pack_header(header: Header) -> bytes:
 
 def _field_document(field: FieldHeader) -> dict[str, Any]:
     encoding = field.encoding
+    latent = {} if field.latent is None else {"latent": [*field.latent[:2], _shortest(field.latent[2])]}
+    labels = {"labels": list(field.labels)} if field.labels else {}
     return {
+        **latent,
+        **labels,
         "kind": field.kind,
         "domain": field.domain,
         "encoding": {
@@ -171,6 +182,8 @@ def _parse_field(name: str, values: Values) -> FieldHeader:
     values.choice("activation", ("relu",))
     feature_dim, features = values.at("features").entries(2, 2)
     layers = [layer.entries(3, 3) for layer in values.at("layers").entries(1, limits.LAYERS)]
+    latent = values.at("latent").entries(3, 3) if "latent" in values.names() else None
+    labels = values.at("labels").entries(1, limits.WIDTH) if "labels" in values.names() else []
     field = FieldHeader(
         name=name,
         kind=values.choice("kind", KINDS),
@@ -187,10 +200,16 @@ def _parse_field(name: str, values: Values) -> FieldHeader:
             Layer(outputs.as_integer(1, limits.WIDTH), _parse_store(weights), _parse_store(biases))
             for outputs, weights, biases in layers
         ),
+        latent=None if latent is None else _parse_latent(*latent),
+        labels=tuple(label.as_text(limits.LABEL) for label in labels),
     )
     values.close()
     encoding.close()
     return field
+
+
+def _parse_latent(count: Values, length: Values, store: Values) -> tuple[int, int, Store]:
+    return count.as_integer(1, limits.WIDTH), length.as_integer(1, limits.FEATURE_DIM), _parse_store(store)
 
 
 def _parse_store(value: Values) -> Store:

@@ -11,6 +11,8 @@ FACES = 1 << 23
 FIELDS = 64
 FEATURE_DIM = 256
 LAYERS = 32
+LABEL = 64
+"""Characters of a column's or a class's name."""
 WIDTH = 4096
 """Inputs and outputs of a layer."""
 LEVELS = 24

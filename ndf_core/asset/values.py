@@ -73,6 +73,13 @@ class Values:
             raise AssetError(f"its {self.place} is not a number from {low:g} to {high:g}")
         return float(value)
 
+    def as_text(self, longest: int) -> str:
+        """Printable text of 1 to `longest` characters."""
+        value = self.value
+        if not (isinstance(value, str) and 1 <= len(value) <= longest and value.isprintable()):
+            raise AssetError(f"its {self.place} is not printable text of 1 to {longest} characters")
+        return value
+
     def as_choice(self, known: Sequence[str]) -> str:
         if not isinstance(self.value, str):
             raise AssetError(f"its {self.place} is not a word")

@@ -29,11 +29,20 @@ def error_metric(parameters: Parameters, geometry: BaseGeometry, base: BasePoint
 
 
 def canonical_features(parameters: Parameters, geometry: BaseGeometry, base: BasePoints) -> None:
-    """Replace features and first-layer weights in place, as the module describes; float64 inside."""
-    count = parameters.shape.feature_dim
-    if not count:
-        return
-    sensitivity = _feature_sensitivity(parameters, geometry, base)
+    """Replace a displacement's features and first-layer weights in place, as the module describes."""
+    if parameters.shape.feature_dim:
+        decorrelate(parameters, _feature_sensitivity(parameters, geometry, base))
+
+
+def decorrelate(parameters: Parameters, sensitivity: Float[Tensor, "d d"]) -> None:
+    """Replace features and first-layer weights in place; float64 inside.
+
+    Args:
+        parameters: The field does not change.
+        sensitivity: Mean over the surface of J^T J with J the derivative of the output by the features there, in the
+            metric that errors of the output are weighed by.
+    """
+    count, start = parameters.shape.feature_dim, parameters.shape.encoding.width
     # A direction that the network ignores would be scaled without bound the other way: bound the condition number.
     sensitivity += torch.eye(count, dtype=torch.float64) * sensitivity.diagonal().mean().clamp_min(1e-30) * 1e-6
     root = torch.linalg.cholesky(sensitivity).mT
@@ -43,14 +52,14 @@ def canonical_features(parameters: Parameters, geometry: BaseGeometry, base: Bas
     basis = basis * torch.where(basis.sum(0) < 0, -1.0, 1.0)
     features = features @ basis
     weight = parameters.views["forward.weight.0"]
-    columns = weight[:, -count:].double().cpu() @ torch.linalg.inv(root) @ basis
+    columns = weight[:, start : start + count].double().cpu() @ torch.linalg.inv(root) @ basis
     # The mean goes into the bias, so that codes are centred where the coder expects them; features of unit size keep
     # their columns of the first layer as sensitive as those of the encoding, with which they share a grid.
     mean = features.mean(0)
     size = (features - mean).square().mean().sqrt().clamp_min(1e-30)
     parameters.views["forward.bias.0"] += (columns @ mean).to(weight)
     parameters.features.copy_(((features - mean) / size).to(weight))
-    weight[:, -count:] = (columns * size).to(weight)
+    weight[:, start : start + count] = (columns * size).to(weight)
 
 
 def _feature_sensitivity(parameters: Parameters, geometry: BaseGeometry, base: BasePoints) -> Float[Tensor, "d d"]:

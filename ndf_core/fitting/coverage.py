@@ -17,11 +17,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from ndf_core.asset.dense_map import DenseMap, dense_map, even_samples
 from ndf_core.config.fit import FitConfig
 from ndf_core.fitting.blocks import NumpyField
 from ndf_core.fitting.geometry import BaseGeometry, pushforward
 from ndf_core.fitting.losses import Anchors
-from ndf_core.fitting.measure import DenseMap, dense_map, even_samples
 from ndf_core.fitting.network import Parameters
 from ndf_core.fitting.projection import BoxProjector
 from ndf_core.fitting.sampling import BasePoints, base_points_at
@@ -124,9 +124,7 @@ def uncovered(
     queries = seen.points.double().cpu().numpy()
     near, triangle, weights = TriangleBVH(dense.vertices, dense.triangles).closest(queries, threads)
     rows = np.flatnonzero(np.linalg.norm(near - queries, axis=1) > seen.far)
-    corners = dense.triangles[triangle[rows]]
-    inside = np.einsum("nc,ncb->nb", weights[rows], dense.barycentric[corners])
-    start = base_points_at(geometry, dense.base_faces[corners[:, 0]], inside)
+    start = base_points_at(geometry, *dense.base_points(triangle[rows], weights[rows]))
     chosen = torch.from_numpy(rows).to(geometry.device)
     targets = seen.points[chosen]
     base, distance, facing = closest_base_points(parameters, geometry, start, targets)

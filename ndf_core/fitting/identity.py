@@ -31,10 +31,7 @@ def initial_parameters(geometry: BaseGeometry, config: FitConfig) -> Parameters:
         feature_scale=config.feature_scale,
         device=geometry.device,
     )
-    # High octaves start low: at full weight they are noise that the first steps have to unlearn.
-    first = parameters.views["forward.weight.0"]
-    for level in range(config.encoding_levels):
-        first[:, 3 + 6 * level : 9 + 6 * level] *= config.frequency_damping**level
+    parameters.damp_octaves(config.frequency_damping)
     if config.identity_steps:
         train_identity(parameters, geometry, config)
     return parameters

@@ -7,20 +7,15 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy import ndarray as Array
 
+from ndf_core.asset.dense_map import DenseMap, Map, dense_map, even_samples
 from ndf_core.fitting.projection import BoxProjector
 from ndf_core.interfaces import Surface
 from ndf_core.kernels.bvh import TriangleBVH
-from ndf_core.mesh import face_normals
 
-Map = Callable[[Int[Array, " n"], Float[Array, "n 3"]], Float[Array, "n 3"]]
-"""(faces, barycentric) -> mapped points in the box frame."""
 Inverse = Callable[[Float[Array, "n 3"]], Float[Array, "n 3"]]
-
-_TRIANGLES = 500_000
-"""Size of the mesh that stands for the mapped surface; its chords are off by a few 1e-6 of the longest side."""
 
 
 @dataclass(frozen=True)
@@ -56,32 +51,6 @@ class Accuracy:
 
     def as_dict(self) -> dict[str, object]:
         return asdict(self)
-
-
-@dataclass(frozen=True)
-class DenseMap:
-    """A fine triangulation of the mapped surface, with the base points of its vertices. Box frame."""
-
-    vertices: Float[Array, "m 3"]
-    triangles: Int[Array, "t 3"]
-    base_faces: Int[Array, " m"]
-    barycentric: Float[Array, "m 3"]
-
-
-def dense_map(face_count: int, mapping: Map, triangles: int = _TRIANGLES) -> DenseMap:
-    """Every base face cut into k^2 similar triangles and mapped, with k such that about `triangles` come out."""
-    k = max(1, round((triangles / face_count) ** 0.5))
-    row, column = np.array([(i, j) for i in range(k + 1) for j in range(k + 1 - i)]).T
-    local = np.stack([k - row - column, column, row], axis=1) / k
-    index = np.full((k + 2, k + 2), -1)
-    index[row, column] = np.arange(len(row))
-    up = [(index[i, j], index[i, j + 1], index[i + 1, j]) for i in range(k) for j in range(k - i)]
-    down = [(index[i, j + 1], index[i + 1, j + 1], index[i + 1, j]) for i in range(k) for j in range(k - i - 1)]
-    cells = np.array(up + down)
-    faces = np.repeat(np.arange(face_count, dtype=np.int32), len(local))
-    barycentric = np.tile(local, (face_count, 1))
-    tiled = (cells[None] + len(local) * np.arange(face_count)[:, None, None]).reshape(-1, 3).astype(np.int32)
-    return DenseMap(mapping(faces, barycentric).astype(np.float64), tiled, faces, barycentric)
 
 
 def measure(
@@ -132,20 +101,6 @@ def measure(
         converged=float(converged.mean()),
         samples=samples,
     )
-
-
-def even_samples(
-    dense: DenseMap, count: int, rng: np.random.Generator
-) -> tuple[Int[Array, " n"], Float[Array, "n 3"], Float[Array, "n 3"]]:
-    """Base points even by area on the mapped surface, and the unit normals of the mapped triangles they lie in."""
-    area_vectors = face_normals(dense.vertices, dense.triangles)
-    areas = np.linalg.norm(area_vectors, axis=1)
-    chosen = rng.choice(len(areas), count, p=areas / areas.sum())
-    root, along = np.sqrt(rng.random(count)), rng.random(count)
-    local = np.stack([1 - root, root * (1 - along), root * along], axis=1)
-    barycentric = np.einsum("nc,ncb->nb", local, dense.barycentric[dense.triangles[chosen]])
-    unit = area_vectors[chosen] / areas[chosen][:, None]
-    return dense.base_faces[dense.triangles[chosen, 0]], barycentric, unit
 
 
 def _surface_to_field(

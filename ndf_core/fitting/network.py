@@ -1,4 +1,4 @@
-"""The displacement network g, its inverse, and the flat vector that holds all of their parameters (Sec. 3.3)."""
+"""The networks of a fit, and the flat vector that holds all of their parameters (Sec. 3.3)."""
 
 from __future__ import annotations
 
@@ -15,24 +15,34 @@ from ndf_core.asset.content import Encoding
 
 @dataclass(frozen=True)
 class NetworkShape:
-    """Sizes that both networks share, and the feature table of the forward one."""
+    """Sizes that the networks share, and what the forward one sees beside the encoding.
+
+    A displacement has a forward network and its inverse; a learned field (Sec. 3.5) has a forward one alone.
+    """
 
     encoding: Encoding
     hidden_width: int
     hidden_layers: int
     vertex_count: int
     feature_dim: int
+    outputs: int = 3
+    networks: tuple[str, ...] = ("forward", "inverse")
+    latent: tuple[int, int] = (0, 0)
+    """Number of latent codes, and numbers in each; the forward network sees one beside the features."""
 
     def layer_sizes(self, feature_dim: int) -> list[tuple[int, int]]:
-        """(out, in) of each layer of a network that sees `feature_dim` features beside the encoding."""
-        widths = [self.encoding.width + feature_dim, *[self.hidden_width] * self.hidden_layers, 3]
+        """(out, in) of each layer of a network that sees `feature_dim` numbers beside the encoding."""
+        widths = [self.encoding.width + feature_dim, *[self.hidden_width] * self.hidden_layers, self.outputs]
         return [(out, into) for into, out in itertools.pairwise(widths)]
 
     def parameter_shapes(self) -> dict[str, tuple[int, ...]]:
         """Name and shape of every tensor, in the order of the flat vector."""
         shapes: dict[str, tuple[int, ...]] = {"features": (self.vertex_count, self.feature_dim)}
-        for network, feature_dim in (("forward", self.feature_dim), ("inverse", 0)):
-            for i, (out, into) in enumerate(self.layer_sizes(feature_dim)):
+        if self.latent[0]:
+            shapes["latent"] = self.latent
+        for network in self.networks:
+            beside = self.feature_dim + self.latent[1] if network == "forward" else 0
+            for i, (out, into) in enumerate(self.layer_sizes(beside)):
                 shapes[f"{network}.weight.{i}"] = (out, into)
                 shapes[f"{network}.bias.{i}"] = (out,)
         return shapes
@@ -69,7 +79,7 @@ class Parameters:
         feature_scale: float,
         device: torch.device | str = "cpu",
     ) -> Parameters:
-        """Kaiming-uniform weights and biases as torch's `Linear` draws them, normal features.
+        """Kaiming-uniform weights and biases as torch's `Linear` draws them, normal features and latent codes.
 
         With `zero_last` the last layers are zero, so that both networks are the identity from the first step on
         (the residual form y = x + mlp makes that exact), which the paper trains 1,000 epochs for. `feature_scale` is
@@ -81,8 +91,9 @@ class Parameters:
         generator = torch.Generator().manual_seed(seed)
         parameters = cls.zeros(shape)
         for name, view in parameters.views.items():
-            if name == "features":
-                view.copy_(torch.randn(view.shape, generator=generator) * feature_scale)
+            if "." not in name:
+                scale = feature_scale if name == "features" else 1.0
+                view.copy_(torch.randn(view.shape, generator=generator) * scale)
                 continue
             network, _, index = name.split(".")
             fan_in = parameters.views[f"{network}.weight.{index}"].shape[1]
@@ -90,6 +101,16 @@ class Parameters:
             if zero_last and int(index) == shape.hidden_layers:
                 view.zero_()
         return cls(shape, parameters.flat.to(device))
+
+    def damp_octaves(self, factor: float) -> None:
+        """Lower the forward network's weights from octave k of the encoding by factor^k.
+
+        At full weight the high octaves are noise that the first steps have to unlearn.
+        """
+        first, encoding = self.views["forward.weight.0"], self.shape.encoding
+        start = encoding.width - 6 * encoding.levels
+        for level in range(encoding.levels):
+            first[:, start + 6 * level : start + 6 * level + 6] *= factor**level
 
     def layers(self, network: str) -> list[tuple[Tensor, Tensor]]:
         """(weight, bias) of each layer of "forward" or "inverse"."""

@@ -3,19 +3,45 @@
 from __future__ import annotations
 
 import math
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ndf_core.config.fit import FitConfig
 from ndf_core.fitting.network import Parameters
+
+
+@runtime_checkable
+class Rates(Protocol):
+    """The options that updates depend on; `FitConfig` and `FieldConfig` have them."""
+
+    @property
+    def optimizer(self) -> str: ...
+
+    @property
+    def learning_rate(self) -> float: ...
+
+    @property
+    def feature_learning_rate(self) -> float: ...
+
+    @property
+    def adam_beta2(self) -> float: ...
+
+    @property
+    def schedule(self) -> str: ...
+
+    @property
+    def warmup_steps(self) -> int: ...
+
+    @property
+    def steps(self) -> int: ...
 
 
 class Optimizer:
     """One update rule for all parameters. `state` is everything a checkpoint needs, by name."""
 
-    def __init__(self, parameters: Parameters, config: FitConfig) -> None:
+    def __init__(self, parameters: Parameters, config: Rates) -> None:
         self._parameters = parameters
         self._config = config
         shape, device = parameters.shape, parameters.flat.device
@@ -25,7 +51,7 @@ class Optimizer:
         self._first = Parameters.zeros(shape, device)
         self._second = Parameters.zeros(shape, device)
         self._count = 0
-        hidden = [f"{name}.weight.{i}" for name in ("forward", "inverse") for i in range(shape.hidden_layers)]
+        hidden = [f"{name}.weight.{i}" for name in shape.networks for i in range(shape.hidden_layers)]
         self._orthogonal = hidden if config.optimizer == "muon" else []
         for name in self._orthogonal:
             self._rates.views[name].zero_()  # Adam leaves these alone
@@ -79,7 +105,7 @@ def orthogonalise(matrix: Float[Tensor, "m n"], iterations: int = 3) -> Float[Te
     return x if wide is matrix else x.t()
 
 
-def rate_factor(config: FitConfig, step: int) -> float:
+def rate_factor(config: Rates, step: int) -> float:
     """Learning rate at `step` (from 0) as a share of its peak."""
     rise = min(1.0, (step + 1) / config.warmup_steps) if config.warmup_steps else 1.0
     if config.schedule == "constant":

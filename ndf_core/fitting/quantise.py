@@ -73,11 +73,11 @@ def _forward_steps(
         return float(distance.double().square().sum(1).mean())
 
     names = [name for name in parameters.views if not name.startswith("inverse") and parameters.views[name].numel()]
-    sensitivity = _sensitivities(
+    sensitivity = sensitivities(
         parameters, names, lambda candidate: torch.einsum("nij,nj->ni", metric, _map(candidate, probes) - exact)
     )
     allowed = error(parameters) * (1 + RMS_BUDGET) ** 2
-    return _coarsest(parameters, sensitivity, lambda candidate: error(candidate) <= allowed)
+    return coarsest(parameters, sensitivity, lambda candidate: error(candidate) <= allowed)
 
 
 def _inverse_steps(parameters: Parameters, base: BasePoints, probes: BasePoints) -> dict[str, float]:
@@ -89,9 +89,9 @@ def _inverse_steps(parameters: Parameters, base: BasePoints, probes: BasePoints)
         return float((invert(candidate, points) - base.batch.positions).double().square().sum(1).mean())
 
     names = [name for name in parameters.views if name.startswith("inverse")]
-    sensitivity = _sensitivities(parameters, names, lambda candidate: invert(candidate, probe_points) - exact)
+    sensitivity = sensitivities(parameters, names, lambda candidate: invert(candidate, probe_points) - exact)
     allowed = cycle(parameters) * (1 + CYCLE_BUDGET)
-    return _coarsest(parameters, sensitivity, lambda candidate: cycle(candidate) <= allowed)
+    return coarsest(parameters, sensitivity, lambda candidate: cycle(candidate) <= allowed)
 
 
 def _map(parameters: Parameters, base: BasePoints) -> Float[Tensor, "n 3"]:
@@ -99,7 +99,7 @@ def _map(parameters: Parameters, base: BasePoints) -> Float[Tensor, "n 3"]:
     return displace(parameters, base.batch.positions, features)
 
 
-def _sensitivities(
+def sensitivities(
     parameters: Parameters, names: list[str], change: Callable[[Parameters], Float[Tensor, "n 3"]]
 ) -> dict[str, float]:
     """Root mean squared change of the output per unit change of one number of each tensor, by random probes."""
@@ -118,7 +118,7 @@ def _sensitivities(
     return result
 
 
-def _coarsest(
+def coarsest(
     parameters: Parameters, sensitivity: dict[str, float], accepted: Callable[[Parameters], bool]
 ) -> dict[str, float]:
     """Steps c / s_t with the largest c, to within a few per cent, that is accepted."""

@@ -50,25 +50,16 @@ class FusedStep:
         self.gradient = gradient or Parameters.zeros(shape, device)
         self.mapped = torch.empty(batch, 3, device=device)
         self._matrix, self._phase = frequency_matrix(shape.encoding, device)
-        self._forward = _Pass(shape, "forward", shape.feature_dim, batch, device)
-        self._inverse = _Pass(shape, "inverse", 0, cycle_batch, device)
-        self._corner_rows = torch.empty(3 * batch, shape.feature_dim, device=device)
+        self._inputs = NetworkInputs(shape, batch, device)
+        self._forward = Pass("forward", shape.layer_sizes(shape.feature_dim), self._inputs.rows)
+        inverse = torch.empty(cycle_batch, shape.encoding.width, device=device)
+        self._inverse = Pass("inverse", shape.layer_sizes(0), inverse)
         self._cycle_stride = cycle_stride
         self._cosines = torch.empty(cycle_batch, 6 * shape.encoding.levels, device=device)
 
     def map(self, parameters: Parameters, batch: Batch) -> Float[Tensor, "n 3"]:
         """g(x) of the whole batch; keeps the activations for `backward`."""
-        encoding = self.shape.encoding
-        inputs = self._forward.inputs
-        if encoding.include_position:
-            inputs[:, :3] = batch.positions
-        waves = inputs[:, encoding.width - 6 * encoding.levels : encoding.width]
-        torch.addmm(self._phase, batch.positions, self._matrix, out=waves)
-        waves.sin_()
-        if self.shape.feature_dim:
-            torch.index_select(parameters.features, 0, batch.corners.view(-1), out=self._corner_rows)
-            corners = self._corner_rows.view(-1, 3, self.shape.feature_dim)
-            torch.bmm(batch.barycentric[:, None, :], corners, out=inputs[:, None, encoding.width :])
+        self._inputs.fill(parameters, batch)
         torch.add(batch.positions, self._forward.run(parameters), out=self.mapped)
         return self.mapped
 
@@ -101,10 +92,7 @@ class FusedStep:
 
     def _pull_back(self, parameters: Parameters, batch: Batch, output_gradient: Tensor) -> None:
         into_features = self._forward.pull_back(parameters, self.gradient, output_gradient, self.shape.encoding.width)
-        if self.shape.feature_dim:
-            spread = self._corner_rows.view(-1, 3, self.shape.feature_dim)
-            torch.mul(batch.barycentric[:, :, None], into_features[:, None, :], out=spread)
-            self.gradient.features.index_add_(0, batch.corners.view(-1), self._corner_rows)
+        self._inputs.pull_back(self.gradient, batch, into_features)
 
     def _cycle(
         self, parameters: Parameters, positions: Tensor, output_gradient: Tensor, weight: float, start: int
@@ -131,19 +119,48 @@ class FusedStep:
         return loss
 
 
-class _Pass:
-    """Activations of one network for one batch size."""
+class NetworkInputs:
+    """What the forward network sees of a batch: encoded positions, then features. One row for each base point."""
 
-    def __init__(self, shape: NetworkShape, network: str, feature_dim: int, batch: int, device: torch.device | str):
-        self.network = network
-        sizes = shape.layer_sizes(feature_dim)
-        self.inputs = torch.empty(batch, sizes[0][1], device=device)
-        self.outputs = [torch.empty(batch, out, device=device) for out, _ in sizes]
-        self.back = [torch.empty(batch, into, device=device) for _, into in sizes]
+    def __init__(self, shape: NetworkShape, batch: int, device: torch.device | str) -> None:
+        self._shape = shape
+        self._matrix, self._phase = frequency_matrix(shape.encoding, device)
+        self._corner_rows = torch.empty(3 * batch, shape.feature_dim, device=device)
+        self.rows = torch.empty(batch, shape.encoding.width + shape.feature_dim, device=device)
+
+    def fill(self, parameters: Parameters, batch: Batch) -> None:
+        """Set `rows`."""
+        encoding, inputs = self._shape.encoding, self.rows
+        if encoding.include_position:
+            inputs[:, :3] = batch.positions
+        waves = inputs[:, encoding.width - 6 * encoding.levels : encoding.width]
+        torch.addmm(self._phase, batch.positions, self._matrix, out=waves)
+        waves.sin_()
+        if self._shape.feature_dim:
+            torch.index_select(parameters.features, 0, batch.corners.view(-1), out=self._corner_rows)
+            corners = self._corner_rows.view(-1, 3, self._shape.feature_dim)
+            torch.bmm(batch.barycentric[:, None, :], corners, out=inputs[:, None, encoding.width :])
+
+    def pull_back(self, gradient: Parameters, batch: Batch, into_features: Float[Tensor, "n d"]) -> None:
+        """Add to the features' gradient, given that of the interpolated ones."""
+        if self._shape.feature_dim:
+            spread = self._corner_rows.view(-1, 3, self._shape.feature_dim)
+            torch.mul(batch.barycentric[:, :, None], into_features[:, None, :], out=spread)
+            gradient.features.index_add_(0, batch.corners.view(-1), self._corner_rows)
+
+
+class Pass:
+    """Activations of one network, from its layer `first` on, for one number of rows."""
+
+    def __init__(self, network: str, sizes: list[tuple[int, int]], inputs: Tensor, first: int = 0) -> None:
+        """`sizes` are (out, in) of the layers that it runs, `inputs` the rows that the first of them sees."""
+        self.network, self.inputs, self._first = network, inputs, first
+        self.outputs = [inputs.new_empty(len(inputs), out) for out, _ in sizes]
+        self.back = [inputs.new_empty(len(inputs), into) for _, into in sizes]
 
     def run(self, parameters: Parameters) -> Tensor:
         below = self.inputs
-        layers = parameters.layers(self.network)
+        layers = parameters.layers(self.network)[self._first :]
         for index, ((weight, bias), out) in enumerate(zip(layers, self.outputs, strict=True)):
             torch.addmm(bias, below, weight.t(), out=out)
             if index + 1 < len(layers):
@@ -153,8 +170,8 @@ class _Pass:
 
     def pull_back(self, parameters: Parameters, gradient: Parameters, above: Tensor, first_column: int) -> Tensor:
         """Add to this network's gradient; return dL/d inputs[:, first_column:]."""
-        layers = parameters.layers(self.network)
-        slots = gradient.layers(self.network)
+        layers = parameters.layers(self.network)[self._first :]
+        slots = gradient.layers(self.network)[self._first :]
         for index in reversed(range(len(layers))):
             below = self.outputs[index - 1] if index else self.inputs
             slots[index][0].addmm_(above.t(), below)
