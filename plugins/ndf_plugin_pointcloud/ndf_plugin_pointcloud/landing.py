@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ndf_core.errors import InputError
 from ndf_core.interfaces import Projection, Projector
+from ndf_plugin_pointcloud.spatial_order import spatial_order
 
 
 class Landing(NamedTuple):
@@ -37,7 +38,11 @@ class LandingProjector(Projector):
         finite = np.isfinite(query).all(axis=1)
         if not finite.all():
             raise InputError(f"cannot project query point {int((~finite).argmax())}: a coordinate is not finite")
-        found = self.land(query, torch.get_num_threads())
+        order = spatial_order(query)
+        landing = self.land(query[order], torch.get_num_threads())
+        back = np.empty_like(order)
+        back[order] = np.arange(len(order))
+        found = Landing(*(rows[back] for rows in landing))
         return Projection(
             torch.from_numpy(found.points).to(points),
             torch.from_numpy(found.landed).to(points.device),

@@ -16,13 +16,13 @@ class OrientedPointsConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    smoothing: float = Field(
-        1.5,
+    smoothing: float | None = Field(
+        None,
         ge=0.25,
         le=20,
         allow_inf_nan=False,
         description="radius over which each point's normal is spread, in radii of the disc that it stands for: more "
-        "for noisy points, less for fine detail",
+        "for noisy points, less for fine detail; none: 1 to 2 by how far neighbours scatter",
     )
     resolution: int = Field(
         256, ge=16, le=1024, description="most cells of the base mesh's grid along the longest side"

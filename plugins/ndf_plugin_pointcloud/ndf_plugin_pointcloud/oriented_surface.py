@@ -18,8 +18,10 @@ from ndf_plugin_pointcloud.areas import point_areas
 from ndf_plugin_pointcloud.defaults import WINDING_DEFAULTS
 from ndf_plugin_pointcloud.directions import Neighbourhood
 from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor, sample_by_landing
+from ndf_plugin_pointcloud.noise import noise_level, smoothing_for
 from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
 from ndf_plugin_pointcloud.point_file import PointCloud, point_cloud, read_point_file
+from ndf_plugin_pointcloud.spatial_order import spatial_order
 from ndf_plugin_pointcloud.tracing_projector import TracingProjector
 
 _CELLS = 0.8
@@ -50,16 +52,18 @@ def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representat
     """
     assert cloud.normals is not None
     threads = torch.get_num_threads()
-    notes, normals = list(cloud.notes), cloud.normals
-    tree = KDTree(cloud.points)
+    notes, order = list(cloud.notes), spatial_order(cloud.points)
+    points, normals = cloud.points[order], cloud.normals[order]
+    tree = KDTree(points)
     areas = point_areas(tree, threads)
     # Three times the volume, by the divergence theorem.
-    if np.einsum("n,nc,nc->", areas, normals, cloud.points - cloud.points.mean(axis=0)) < 0:
+    if np.einsum("n,nc,nc->", areas, normals, points - points.mean(axis=0)) < 0:
         normals = -normals
         notes.append("the normals point inwards; all of them turned over")
     radii = np.sqrt(areas / np.pi)
-    winding = WindingTree.of_points(cloud.points, areas[:, None] * normals, config.smoothing * radii)
-    extractor = WindingExtractor(winding, cloud.points, _CELLS * float(np.median(radii)), config.resolution, threads)
+    smoothing = config.smoothing or smoothing_for(noise_level(tree, normals, radii, threads))
+    winding = WindingTree.of_points(points, areas[:, None] * normals, smoothing * radii)
+    extractor = WindingExtractor(winding, points, _CELLS * float(np.median(radii)), config.resolution, threads)
     projector = TracingProjector(winding, Neighbourhood(tree, normals, radii), cloud.size)
     return Surface(
         representation=representation,

@@ -7,9 +7,13 @@ import pytest
 import torch
 import trimesh
 from clouds import closest, cloud, near, off_surface, ring
+from ndf_plugin_pointcloud.areas import point_areas
+from ndf_plugin_pointcloud.noise import noise_level, smoothing_for
 from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
 from ndf_plugin_pointcloud.oriented_surface import open_oriented_points
+from ndf_plugin_pointcloud.spatial_order import spatial_order
 from ndf_plugin_pointcloud.tracing_projector import TracingProjector
+from scipy.spatial import KDTree
 
 from ndf_core.base_mesh.checks import check_base_mesh
 from ndf_core.errors import InputError
@@ -131,3 +135,26 @@ def test_what_is_no_oriented_cloud_is_refused(shape: trimesh.Trimesh) -> None:
 def test_a_query_that_is_not_finite_is_refused(surface: Surface) -> None:
     with pytest.raises(InputError, match="query point 1"):
         surface.projector.project(torch.tensor([[0.0, 0, 0], [torch.nan, 0, 0]]))
+
+
+def test_smoothing_follows_the_noise(shape: trimesh.Trimesh) -> None:
+    points, normals = cloud(shape, 8000)
+    rng = np.random.default_rng(0)
+    found: list[float] = []
+    for noise in (0.0, 0.002, 0.01):
+        moved = points + noise * shape.extents.max() * rng.standard_normal(points.shape)
+        tree = KDTree(moved)
+        radii = np.sqrt(point_areas(tree) / np.pi)
+        found.append(smoothing_for(noise_level(tree, normals, radii)))
+    assert found[0] == 1 and found[2] == 2
+    assert 1 < found[1] < 2
+
+
+def test_the_spatial_order_is_a_permutation_that_keeps_neighbours_together() -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (4000, 3)) * [1, 0.2, 5] + [100, 0, 0]
+    order = spatial_order(points)
+    assert sorted(order.tolist()) == list(range(4000))
+    steps = np.linalg.norm(np.diff(points[order], axis=0), axis=1)
+    assert steps.mean() < 0.3 * np.linalg.norm(np.diff(points, axis=0), axis=1).mean()
+    assert spatial_order(np.ones((5, 3))).tolist() == [0, 1, 2, 3, 4]
+    assert len(spatial_order(np.zeros((0, 3)))) == 0
