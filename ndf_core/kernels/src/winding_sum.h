@@ -108,25 +108,44 @@ INLINE void add_triangles(const Leaf *leaf, const float *q, Sums *sums, const in
     }
 }
 
-/* `q` in the tree's frame. The gradient is with respect to q there. */
+INLINE void fetch(const void *address, size_t bytes)
+{
+    for (size_t at = 0; at < bytes; at += 64) PREFETCH((const char *)address + at);
+}
+
+/* `q` in the tree's frame. The gradient is with respect to q there.
+ *
+ * Large trees wait for memory: what is found to be near is asked for, and read only after the next node. */
 INLINE double winding(const Tree *tree, const double *q, double *gradient, const int triangles, const int with_gradient)
 {
     const float query[3] = {(float)q[0], (float)q[1], (float)q[2]};
-    int32_t stack[STACK], near[LANES];
-    int depth = 0;
+    int32_t stack[STACK], near[LANES], waiting[LANES];
+    int depth = 0, leaves = 0;
     Sums sums;
     memset(&sums, 0, sizeof sums);
     stack[depth++] = 0;
     while (depth) {
         const Node *node = &tree->nodes[stack[--depth]];
         add_children(node, query, &sums, near, with_gradient);
+        for (int i = 0; i < leaves; i++)
+            if (triangles) add_triangles(leaf_at(tree, waiting[i]), query, &sums, with_gradient);
+            else add_points(leaf_at(tree, waiting[i]), query, &sums, with_gradient);
+        leaves = 0;
         for (int i = 0; i < LANES; i++) {
             if (!near[i]) continue;
-            if (node->child[i] >= 0) stack[depth++] = node->child[i];
-            else if (triangles) add_triangles(&tree->leaves[~node->child[i]], query, &sums, with_gradient);
-            else add_points(&tree->leaves[~node->child[i]], query, &sums, with_gradient);
+            int32_t child = node->child[i];
+            if (child >= 0) {
+                stack[depth++] = child;
+                fetch(&tree->nodes[child], sizeof(Node));
+            } else {
+                waiting[leaves++] = ~child;
+                fetch(leaf_at(tree, ~child), tree->leaf_bytes);
+            }
         }
     }
+    for (int i = 0; i < leaves; i++)
+        if (triangles) add_triangles(leaf_at(tree, waiting[i]), query, &sums, with_gradient);
+        else add_points(leaf_at(tree, waiting[i]), query, &sums, with_gradient);
     double value = 0;
     for (int i = 0; i < LANES; i++) value += sums.value[i];
     if (with_gradient)

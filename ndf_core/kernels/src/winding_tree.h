@@ -13,6 +13,7 @@
 
 #include <float.h>
 #include <math.h>
+#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -31,6 +32,12 @@
 #define INLINE static inline
 #endif
 
+#if defined(__GNUC__)
+#define PREFETCH(address) __builtin_prefetch(address)
+#else
+#define PREFETCH(address) ((void)(address))
+#endif
+
 #define LANES 8
 #define DEPTH 16 /* of nodes: 8^16 sources are more than there can be */
 #define STACK (DEPTH * LANES)
@@ -46,14 +53,21 @@ typedef struct {
 
 /* Up to 8 sources; the lanes past the last one have no area. */
 typedef struct {
-    float a[3][LANES], b[3][LANES], c[3][LANES]; /* corners; of points only `a` */
-    float area[3][LANES];                        /* area vectors; of triangles twice those */
-    float radius[LANES];                         /* of the ball that a point's dipole is spread over */
+    float a[3][LANES];    /* points, or first corners */
+    float area[3][LANES]; /* area vectors; of triangles twice those */
+    union {
+        float radius[LANES];               /* of the ball that a point's dipole is spread over */
+        struct {
+            float b[3][LANES], c[3][LANES];
+        }; /* the other corners of triangles */
+    };
 } Leaf;
+#define POINT_LEAF_BYTES (offsetof(Leaf, radius) + LANES * sizeof(float)) /* the rest is for triangles */
 
 typedef struct {
     Node *nodes;
-    Leaf *leaves;
+    char *leaves; /* of `leaf_bytes` each: points need less of a Leaf than triangles */
+    size_t leaf_bytes;
     int64_t node_count, leaf_count;
     int triangles;
     double center[3], scale; /* inside = (outside - center) * scale */
@@ -70,6 +84,8 @@ typedef struct {
     int64_t node_capacity, leaf_capacity;
     int failed;
 } Builder;
+
+INLINE Leaf *leaf_at(const Tree *tree, int64_t index) { return (Leaf *)(tree->leaves + index * tree->leaf_bytes); }
 
 static void tree_free(Tree *tree)
 {
@@ -203,7 +219,7 @@ static int64_t make_leaf(Builder *builder, int64_t start, int64_t count)
     Tree *tree = builder->tree;
     if (tree->leaf_count == builder->leaf_capacity) {
         int64_t capacity = 2 * builder->leaf_capacity;
-        Leaf *grown = realloc(tree->leaves, (size_t)capacity * sizeof(Leaf));
+        char *grown = realloc(tree->leaves, (size_t)capacity * tree->leaf_bytes);
         if (!grown) {
             builder->failed = 1;
             return 0;
@@ -211,11 +227,10 @@ static int64_t make_leaf(Builder *builder, int64_t start, int64_t count)
         tree->leaves = grown;
         builder->leaf_capacity = capacity;
     }
-    Leaf *leaf = &tree->leaves[tree->leaf_count];
-    memset(leaf, 0, sizeof *leaf);
+    Leaf *leaf = leaf_at(tree, tree->leaf_count);
+    memset(leaf, 0, tree->leaf_bytes);
     for (int lane = 0; lane < LANES; lane++) {
         int64_t source = builder->order[start + (lane < count ? lane : 0)];
-        leaf->radius[lane] = builder->radii ? (float)builder->radii[source] : 0;
         for (int k = 0; k < 3; k++) {
             if (tree->triangles) {
                 const double *corner = builder->corners + 9 * source;
@@ -228,6 +243,7 @@ static int64_t make_leaf(Builder *builder, int64_t start, int64_t count)
                 leaf->area[k][lane] = lane < count ? (float)builder->areas[3 * source + k] : 0;
             }
         }
+        if (!tree->triangles) leaf->radius[lane] = (float)builder->radii[source];
     }
     return tree->leaf_count++;
 }
@@ -282,9 +298,10 @@ static Tree *tree_build(const double *corners, const double *areas, const double
     builder.middles = malloc((size_t)count * 3 * sizeof(double));
     builder.order = malloc((size_t)count * sizeof(int32_t));
     if (tree) {
-        tree->nodes = malloc((size_t)builder.node_capacity * sizeof(Node));
-        tree->leaves = malloc((size_t)builder.leaf_capacity * sizeof(Leaf));
         tree->triangles = radii == NULL;
+        tree->leaf_bytes = tree->triangles ? sizeof(Leaf) : POINT_LEAF_BYTES;
+        tree->nodes = malloc((size_t)builder.node_capacity * sizeof(Node));
+        tree->leaves = malloc((size_t)builder.leaf_capacity * tree->leaf_bytes);
     }
     if (!tree || !builder.middles || !builder.order || !tree->nodes || !tree->leaves) {
         builder.failed = 1;
