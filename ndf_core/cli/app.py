@@ -14,8 +14,9 @@ COMMANDS = {
     "spectrum": "Lowest eigenvalues and eigenfunctions of a surface.",
     "info": "Show what an asset holds.",
     "plugins": "List the installed representations, or check them.",
+    "new-plugin": "Write a plugin package to start from.",
 }
-"""Name and help of each command; the module `ndf_core.cli.<name>` has a `command`."""
+"""Name and help of each command; the module `ndf_core.cli.<name>`, with _ for -, has a `command`."""
 
 
 class LazyGroup(click.Group):
@@ -25,7 +26,9 @@ class LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return import_module(f"ndf_core.cli.{cmd_name}").command if cmd_name in COMMANDS else None
+        if cmd_name not in COMMANDS:
+            return None
+        return import_module(f"ndf_core.cli.{cmd_name.replace('-', '_')}").command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

@@ -43,7 +43,7 @@ def _answer(arguments: list[str]) -> tuple[Result | None, str | None, int]:
         return None, *_explain(error, "fit" if "fit" in arguments else "processing")
     except KeyboardInterrupt:
         return None, "interrupted", INTERRUPTED
-    return (answer, None, 0) if isinstance(answer, Result) else (None, None, int(answer or 0))
+    return (answer, None, answer.exit_code) if isinstance(answer, Result) else (None, None, int(answer or 0))
 
 
 def _explain(error: Exception, extra: str) -> tuple[str, int]:

@@ -15,6 +15,7 @@ class Result:
 
     data: Any
     text: str = ""
+    exit_code: int = 0
 
 
 class Interrupted(Exception):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from ndf_core.config.fields import as_mapping, leaves, table_keys
+from ndf_core.names import nearest
 
 
 @dataclass(frozen=True)
@@ -55,15 +55,6 @@ def merge(model: type[BaseModel], layers: Iterable[Layer]) -> Merged:
             else:
                 errors.append(f"{layer.origin(key)}: there is no such option; {nearest(key, known)}")
     return Merged(values, origins, tuple(errors))
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """Advice for a name that does not exist: the closest ones, with or without their table, or all of them."""
-    names = list(known)
-    spellings = {name.rpartition(".")[2]: name for name in names} | {name: name for name in names}
-    matches = difflib.get_close_matches(word, spellings, n=3, cutoff=0.7)
-    close = dict.fromkeys(spellings[match] for match in matches)
-    return f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(names) or 'none'}"
 
 
 def shorten(value: object, width: int = 60) -> str:

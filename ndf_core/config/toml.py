@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ndf_core.config.layers import Layer, nearest, shorten
+from ndf_core.config.layers import Layer, shorten
 from ndf_core.errors import ConfigError
+from ndf_core.names import nearest
 
 MAX_BYTES = 1 << 20
 """No config file is this long; a large file was named by mistake."""
@@ -56,6 +58,21 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
     except RecursionError as error:
         raise ConfigError(f"{path}: not valid TOML: brackets nested too deeply") from error
+
+
+def toml_text(table: Mapping[str, Any]) -> str:
+    """JSON-like values as TOML, one key a line and inner tables inline; there is no null in TOML: leave those out."""
+    return "".join(f"{json.dumps(key)} = {_toml_value(value)}\n" for key, value in table.items())
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{json.dumps(key)} = {_toml_value(item)}' for key, item in value.items())}}}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_toml_value, value))}]"
+    if isinstance(value, float):
+        return repr(value)  # TOML spells inf and nan as Python does
+    return json.dumps(value, ensure_ascii=False)
 
 
 def read_config_file(path: str | Path) -> ConfigFile:

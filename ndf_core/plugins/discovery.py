@@ -9,6 +9,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import Distribution, EntryPoint, distributions
 
+from ndf_core.errors import RepresentationError
+from ndf_core.names import nearest
+
 GROUP = "ndf.representations"
 """The entry-point group, also in `ndf_core.api`, which is too slow to import for a listing."""
 
@@ -47,6 +50,28 @@ def entries() -> tuple[Entry, ...]:
     found = sorted(_claims(), key=lambda entry: (entry.name, entry.distribution))
     count = Counter(entry.name for entry in found)
     return tuple(_judge(entry, [other for other in found if other.name == entry.name], count) for entry in found)
+
+
+def claims(name: str) -> list[Entry]:
+    """Who claims a name, the usable one first; never empty.
+
+    Raises:
+        RepresentationError: nobody does; the message says what to install, or which name was meant.
+    """
+    found = [entry for entry in entries() if entry.name == name]
+    if found:
+        return sorted(found, key=lambda entry: entry.error is not None)
+    missing = not_installed()
+    if name in missing:
+        raise RepresentationError(f"--repr {name}: is not installed; pip install {missing[name]}")
+    advice = nearest(name, dict.fromkeys([*(entry.name for entry in entries()), *missing]))
+    raise RepresentationError(f"--repr {name}: there is no such representation; {advice}")
+
+
+def not_installed() -> dict[str, str]:
+    """Representations of ndf's own plugins that nobody offers here, and the distributions that would."""
+    offered = {entry.name for entry in entries()}
+    return {name: owner for name, owner in OWNERS.items() if name not in offered}
 
 
 def _judge(entry: Entry, same_name: list[Entry], count: Counter[str]) -> Entry:

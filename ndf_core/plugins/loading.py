@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from importlib.metadata import EntryPoint
 from typing import Any
 
 import pluggy
-from pydantic import BaseModel
 
 from ndf_core import api
-from ndf_core.config.fields import nested, table_model
-from ndf_core.config.fit import FitConfig
-from ndf_core.config.layers import Layer, merge, nearest
-from ndf_core.errors import PluginError, RepresentationError
-from ndf_core.plugins.discovery import Entry, entries
-from ndf_core.plugins.guard import SECONDS, ForeignFailure, guarded, one_line
-
-_TARGET = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
+from ndf_core.errors import PluginError
+from ndf_core.plugins.contract import RULES
+from ndf_core.plugins.discovery import Entry, claims, entries
+from ndf_core.plugins.guard import SECONDS, ForeignFailure, guarded
 
 
 def load(name: str) -> api.RepresentationSpec:
@@ -29,12 +22,7 @@ def load(name: str) -> api.RepresentationSpec:
         RepresentationError: no plugin claims the name.
         PluginError: its plugin cannot be used.
     """
-    claims = [entry for entry in entries() if entry.name == name]
-    if not claims:
-        names = dict.fromkeys(entry.name for entry in entries())
-        raise RepresentationError(f"--repr {name}: there is no such representation; {nearest(name, names)}")
-    usable = [entry for entry in claims if entry.error is None]
-    return load_entry((usable or claims)[0])
+    return load_entry(claims(name)[0])
 
 
 def load_entry(entry: Entry, seconds: float = SECONDS) -> api.RepresentationSpec:
@@ -67,70 +55,26 @@ def load_usable() -> tuple[list[api.RepresentationSpec], list[str]]:
     return specs, broken
 
 
-def _examine(entry: Entry) -> tuple[api.RepresentationSpec, str | None]:
-    spec = _ask(entry)
-    return spec, next(_faults(spec, entry.name), None)
+def ask(entry: Entry) -> api.RepresentationSpec:
+    """Import the entry module and call its hook, unguarded; whether the spec keeps the contract is not looked at.
 
+    One pluggy manager per plugin, so that none can see or shadow another's hook.
 
-def _ask(entry: Entry) -> api.RepresentationSpec:
-    """One pluggy manager per plugin, so that none can see or shadow another's hook."""
+    Raises:
+        TypeError: the module has no such hook, or its answer is no `RepresentationSpec`.
+    """
     manager = pluggy.PluginManager(api.PROJECT)
     manager.add_hookspecs(api)
     manager.register(EntryPoint(entry.name, entry.target, api.ENTRY_POINT_GROUP).load())
     manager.check_pending()
     if not manager.hook.ndf_representation.get_hookimpls():
         raise TypeError("it has no @hookimpl function ndf_representation")
-    return manager.hook.ndf_representation()
-
-
-def _faults(spec: Any, name: str) -> Iterator[str]:
-    """What breaks the contract, the gravest first. Foreign: the types that the spec declares are not believed."""
+    spec: Any = manager.hook.ndf_representation()
     if not isinstance(spec, api.RepresentationSpec):
-        yield f"ndf_representation() returned {type(spec).__name__}, not a RepresentationSpec"
-        return
-    yield from _version_faults(spec.api_version)
-    if spec.name != name:
-        yield f"the entry point is called {name!r} but the representation {spec.name!r}"
-    if spec.support not in ("full", "partial"):
-        yield f"support must be 'full' or 'partial', not {spec.support!r}"
-    if not _TARGET.fullmatch(str(spec.open)):
-        yield f"open must look like 'package.module:function', not {spec.open!r}"
-    yield from _config_faults(spec.config)
-    yield from _training_faults(spec.training_defaults)
+        raise TypeError(f"ndf_representation() returned {type(spec).__name__}, not a RepresentationSpec")
+    return spec
 
 
-def _version_faults(version: object) -> Iterator[str]:
-    if version != api.API_VERSION:
-        newer = isinstance(version, int) and version > api.API_VERSION
-        advice = "upgrade ndf-core" if newer else "upgrade the plugin"
-        yield f"it speaks plugin API version {version!r}, this ndf-core {api.API_VERSION}; {advice}"
-
-
-def _config_faults(model: object) -> Iterator[str]:
-    if not (isinstance(model, type) and issubclass(model, BaseModel)):
-        yield f"config must be a pydantic model class, not {model!r}"
-        return
-    tables = [table for info in model.model_fields.values() if (table := table_model(info))]
-    if not model.model_config.get("frozen"):
-        yield f"config model {model.__name__} must be frozen"
-    if model.model_config.get("extra") != "forbid":
-        yield f"config model {model.__name__} must forbid extra options"
-    for field, info in model.model_fields.items():
-        if not (info.description or table_model(info)):
-            yield f"option {field} of config model {model.__name__} has no description"
-        if info.alias or info.validation_alias:
-            yield f"option {field} of config model {model.__name__} has an alias"
-    for table in tables:
-        yield from _config_faults(table)
-
-
-def _training_faults(defaults: object) -> Iterator[str]:
-    if not isinstance(defaults, Mapping):
-        yield f"training_defaults must be a mapping, not {type(defaults).__name__}"
-        return
-    merged = merge(FitConfig, [Layer("training_defaults", defaults)])
-    yield from merged.errors
-    try:
-        FitConfig.model_validate(nested(merged.values))
-    except ValueError as error:
-        yield f"training_defaults: {one_line(error)}"
+def _examine(entry: Entry) -> tuple[api.RepresentationSpec, str | None]:
+    spec = ask(entry)
+    return spec, next((fault for rule in RULES if (fault := rule(spec, entry.name))), None)

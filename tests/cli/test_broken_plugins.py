@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 CAUSES = {
     "import-error": "ModuleNotFoundError: No module named 'no_such_module'",
     "wrong-version": "it speaks plugin API version 99, this ndf-core 1; upgrade ndf-core",
+    "too-old": "it speaks plugin API version 0, this ndf-core 1; upgrade the plugin",
     "hangs": "did not finish within 5 s",
     "dies": "importing it ended the interpreter (exit status 7)",
     "crashes": "importing it ended the interpreter (exit status -11)",
@@ -35,6 +36,7 @@ def installed(plugin_maker: PluginMaker) -> PluginMaker:
 
     plugin_maker.add("import-error", replace=breaking("import no_such_module"))
     plugin_maker.add("wrong-version", replace={"api_version=1": "api_version=99"})
+    plugin_maker.add("too-old", replace={"api_version=1": "api_version=0"})
     plugin_maker.add("clash", distribution="clash-one")
     plugin_maker.add("clash", distribution="clash-two")
     plugin_maker.add("exits", replace=breaking("import sys; sys.exit('bye')"))

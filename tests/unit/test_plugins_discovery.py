@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 import pytest
 
 from ndf_core import api
+from ndf_core.cli import main
+from ndf_core.errors import RepresentationError
 from ndf_core.plugins import discovery
 
 if TYPE_CHECKING:
     from tests.conftest import PluginMaker
 
 
-def claims(name: str) -> list[discovery.Entry]:
+def found(name: str) -> list[discovery.Entry]:
     return [entry for entry in discovery.entries() if entry.name == name]
 
 
@@ -24,14 +26,14 @@ def test_the_group_is_the_one_plugin_authors_are_told() -> None:
 
 def test_listing_reads_metadata_and_imports_nothing(plugin_maker: PluginMaker) -> None:
     module = plugin_maker.add("blob", version="2.1", source="raise SystemExit('imported')")
-    assert claims("blob") == [discovery.Entry("blob", module, "third-party-blob", "2.1")]
+    assert found("blob") == [discovery.Entry("blob", module, "third-party-blob", "2.1")]
     assert module not in sys.modules
 
 
 def test_two_strangers_with_one_name_are_both_unusable_and_name_each_other(plugin_maker: PluginMaker) -> None:
     plugin_maker.add("blob", distribution="first")
     plugin_maker.add("blob", distribution="second", version="3.0")
-    first, second = claims("blob")
+    first, second = found("blob")
     assert first.error == "the name clashes with second 3.0; uninstall one of them"
     assert second.error == "the name clashes with first 1.0; uninstall one of them"
 
@@ -47,7 +49,7 @@ def _owned(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_stranger_cannot_take_a_name_from_its_owner(plugin_maker: PluginMaker, spelling: str) -> None:
     plugin_maker.add("waves", distribution=spelling)
     plugin_maker.add("waves", distribution="stranger")
-    errors = {entry.distribution: entry.error for entry in claims("waves")}
+    errors = {entry.distribution: entry.error for entry in found("waves")}
     assert errors[spelling] is None
     assert errors["stranger"] == f"the name clashes with {spelling} 1.0, which keeps it; rename this one"
 
@@ -55,12 +57,12 @@ def test_a_stranger_cannot_take_a_name_from_its_owner(plugin_maker: PluginMaker,
 @pytest.mark.usefixtures("_owned")
 def test_an_owned_name_is_free_while_its_owner_is_not_installed(plugin_maker: PluginMaker) -> None:
     plugin_maker.add("waves", distribution="stranger")
-    assert [entry.error for entry in claims("waves")] == [None]
+    assert [entry.error for entry in found("waves")] == [None]
 
 
 def test_a_name_that_the_command_line_could_not_take_is_refused(plugin_maker: PluginMaker) -> None:
     plugin_maker.add("Blob_1")
-    assert claims("Blob_1")[0].error == "its name must be lower-case letters, digits and hyphens"
+    assert found("Blob_1")[0].error == "its name must be lower-case letters, digits and hyphens"
 
 
 def test_unreadable_entry_points_are_told_and_hide_no_other(plugin_maker: PluginMaker) -> None:
@@ -70,4 +72,21 @@ def test_unreadable_entry_points_are_told_and_hide_no_other(plugin_maker: Plugin
     path.write_text("[ndf.representations\nno equals sign")
     (plugin_maker.folder / "binary-1.0.dist-info").mkdir()
     (plugin_maker.folder / "binary-1.0.dist-info" / "entry_points.txt").write_bytes(b"\xff\xfe\x00")
-    assert claims("good")[0].error is None
+    assert found("good")[0].error is None
+
+
+@pytest.mark.usefixtures("_owned")
+def test_an_owned_name_that_is_not_installed_says_what_to_install(plugin_maker: PluginMaker) -> None:
+    assert discovery.not_installed()["waves"] == "ndf-plugin-waves"
+    with pytest.raises(RepresentationError, match=r"--repr waves: is not installed; pip install ndf-plugin-waves"):
+        discovery.claims("waves")
+    with pytest.raises(RepresentationError, match=r"did you mean waves\?"):
+        discovery.claims("wavs")
+
+
+@pytest.mark.usefixtures("_owned")
+def test_the_listing_shows_what_is_not_installed_with_its_pip_line(
+    plugin_maker: PluginMaker, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plugins"]) == 0
+    assert "waves              not installed: pip install ndf-plugin-waves" in capfd.readouterr().out.splitlines()
