@@ -13,8 +13,8 @@ to tests/unit/test_conformance_kit.py.
 
 from __future__ import annotations
 
-from ndf_core.testing.check import Outcome
+from ndf_core.testing.check import NotAsked, Outcome
 from ndf_core.testing.motion import Motion
 from ndf_core.testing.run import check_representation, run_checks
 
-__all__ = ["Motion", "Outcome", "check_representation", "run_checks"]
+__all__ = ["Motion", "NotAsked", "Outcome", "check_representation", "run_checks"]

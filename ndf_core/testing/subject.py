@@ -42,7 +42,7 @@ print(json.dumps([*sys.modules]))
 """
 
 Mover = Callable[[Any, Motion, Path], Any]
-"""``moved(source, motion, folder)``: the same shape, moved; None where the format cannot express the motion."""
+"""``moved(source, motion, folder)``: the same shape, moved; None where the format cannot express this motion."""
 
 
 @dataclass

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import pytest
 
-from ndf_core.testing.check import Check, Outcome, outcome_of
+from ndf_core.testing.check import Check, NotAsked, Outcome, outcome_of
 from ndf_core.testing.checks import CHECKS
 from ndf_core.testing.motion import Motion
 from ndf_core.testing.run import check_reasons
@@ -43,8 +43,9 @@ class RepresentationSuite:
         raise NotImplementedError("a suite needs a method source(self, folder) that returns what to open")
 
     def moved(self, source: Any, motion: Motion, folder: Path) -> Any:
-        """The same shape under `motion`, as a new source; None where the format cannot express the motion."""
-        del source, motion, folder
+        """The same shape under `motion`, as a new source; None where the format cannot express this motion, and
+        `NotAsked` with the reason where it can express none."""
+        raise NotAsked("the suite has no method `moved`")
 
     @pytest.fixture(scope="class")
     @classmethod

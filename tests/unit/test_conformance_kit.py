@@ -172,8 +172,12 @@ def test_the_plugin_that_new_plugin_writes_keeps_every_law(site: Path, tmp_path:
 
 
 @pytest.mark.parametrize("name", TOYS)
-def test_each_toy_is_caught_by_its_check_and_by_no_other(site: Path, tmp_path: Path, name: str) -> None:
+def test_each_toy_is_caught_by_its_check_and_by_no_other(
+    site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     break_it(site, *TOYS[name])
+    if TOYS[name][0] != ENTRY:  # only of these a fresh interpreter has news
+        monkeypatch.setattr(Subject, "imported", ("", list[str]()))
     found = outcomes(tmp_path)
     failed = [f"{outcome.check}: {outcome.message}" for outcome in found if outcome.status == "failed"]
     assert len(failed) == 1, failed
