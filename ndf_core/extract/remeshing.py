@@ -15,7 +15,7 @@ from ndf_core.asset.content import AssetContent
 from ndf_core.asset.fields import FieldEvaluator
 from ndf_core.errors import ExtractionError
 from ndf_core.kernels.mesh_check import check_mesh
-from ndf_core.kernels.remesh import BasePoints, MappedTriangulation, RemeshKernel
+from ndf_core.kernels.remesh import BasePoints, FlipAim, MappedTriangulation, RemeshKernel
 
 MAX_VERTICES = 20_000_000
 """Largest mesh that is extracted; it takes about 13 GB on the way."""
@@ -23,10 +23,16 @@ STEP = 0.7
 """Limits of successive splits shrink by this at most, so that long edges are halved before shorter ones."""
 SHORT = 0.25
 """Vertices of edges shorter than this share of the limit are removed (Sec. 3.4)."""
-FLIP_ROUNDS = 12
-"""Rounds of splitting at one limit in which edges are flipped too; later, flips might undo what it needs to end."""
+TOLERANCE = 0.01
+"""Share of the limit by which a flip or a move may take the mesh farther from the surface."""
+FLIP_ROUNDS = 3
+"""Times that edges are held, and tried again with their middles, in one pass of flips."""
 UNFOLD_ROUNDS = 4
-MAX_ROUNDS = 48
+STEADY_ROUNDS = 3
+"""Rounds of splitting at one limit until `STALLED` is looked at."""
+STALLED = 0.7
+"""Edges to be split, over those of the round before, from which flips no longer serve the mapped mesh."""
+MAX_ROUNDS = 64
 """Halving an edge more often than this leaves the range where lengths mean anything."""
 
 _LIKELY = 2.0
@@ -52,6 +58,7 @@ class Remeshing:
         self._threads = threads
         self.seconds = {"map": 0.0, "split": 0.0, "flip": 0.0, "remove": 0.0, "move": 0.0, "sort": 0.0}
         self.unsplit_edges = 0
+        self._tolerance = math.inf
         used = np.unique(content.faces)
         faces = np.searchsorted(used, content.faces).astype(np.int32)
         check = check_mesh(faces, len(used))
@@ -72,68 +79,79 @@ class Remeshing:
         """Go on until no edge is longer than `limit` and the faces are as even as can be.
 
         Raises:
-            ExtractionError: this would take more than `MAX_VERTICES` vertices; or the field is so rough that edges do
-                not get shorter.
+            ExtractionError: this would take more than `MAX_VERTICES` vertices.
         """
         self._refuse_too_fine(limit)
+        self._tolerance = TOLERANCE * limit
         self._split(limit)
         with self._stage("remove"):
             self._kernel.remove_short_edges(SHORT * limit)
-        self._flip(limit)
-        self._move()
-        self._flip(limit)
+        self._flip(FlipAim.LOWER_ENERGY, limit)
+        self._move(math.inf, self._tolerance)
+        self._flip(FlipAim.LOWER_ENERGY, limit)
         self._split(limit)
-        with self._stage("flip"):
-            self._kernel.flip_to_delaunay(limit)
+        self._flip(FlipAim.DELAUNAY, limit)
         self._unfold(limit)
+        with self._stage("split"):
+            longer, unsplit = self._kernel.find_long_edges(limit)
+        self.unsplit_edges = unsplit + len(longer.faces)
         with self._stage("sort"):
             return self._kernel.triangulation()
 
     def _split(self, limit: float) -> None:
-        """Halve edges until none is longer than `limit`, the longest first, and flip after every round."""
-        step, rounds = self._kernel.measure()[1], 0
-        while True:
+        """Halve edges until none is longer than `limit`, the longest first, and flip after every round.
+
+        Where the ends of edges meet though the surface between them is elsewhere, halves are no shorter, and flips
+        that shorten edges bring back what was split. So when rounds at the limit stall, flips spread edges evenly on
+        the base mesh instead.
+        """
+        step, rounds, stalled, before = self._kernel.measure()[1], 0, False, math.inf
+        while rounds < MAX_ROUNDS:
             step = max(limit, STEP * step)
             rounds = rounds + 1 if step == limit else 0
-            if rounds > MAX_ROUNDS:
-                raise ExtractionError(
-                    f"the asset's field is so rough that {MAX_ROUNDS} halvings leave edges that are too long; the "
-                    f"asset is damaged, or its fit diverged"
-                )
             with self._stage("split"):
-                middles, refused = self._kernel.find_long_edges(step, along=rounds > FLIP_ROUNDS)
+                middles, _ = self._kernel.find_long_edges(step, along=stalled)
             count = len(middles.faces)
             if self._kernel.vertex_count + count > MAX_VERTICES:
                 raise TooFineError(max(self._recommended(), 1.5 * limit))
             mapped = self._map(middles)
             with self._stage("split"):
-                refused += self._kernel.split(mapped)
-            self.unsplit_edges = refused
-            if step == limit and count <= refused:
+                refused = self._kernel.split(mapped)
+            if step == limit and count == refused:
                 return
             if self._kernel.vertex_count > _SORT * self._sorted:
                 with self._stage("sort"):
                     self._kernel.sort()
                 self._sorted = self._kernel.vertex_count
                 self._refuse_too_fine(limit)
-            if rounds <= FLIP_ROUNDS:
-                self._flip(step)
+            stalled = stalled or (rounds > STEADY_ROUNDS and count > STALLED * before)
+            before = count
+            self._flip(FlipAim.SPREAD if stalled else FlipAim.LOWER_ENERGY, step)
 
-    def _flip(self, limit: float) -> None:
+    def _flip(self, aim: FlipAim, limit: float) -> int:
+        """Flip edges, those that would move the surface only where the map says that they may."""
+        exact = aim in (FlipAim.LOWER_ENERGY, FlipAim.DELAUNAY)
         with self._stage("flip"):
-            self._kernel.flip_to_lower_energy(limit)
+            flips, middles = self._kernel.flip(aim, limit, self._tolerance if exact else math.inf)
+        for _ in range(FLIP_ROUNDS):
+            if not len(middles.faces):
+                break
+            mapped = self._map(middles)
+            with self._stage("flip"):
+                more, middles = self._kernel.flip_held(mapped)
+            flips += more
+        return flips
 
     def _unfold(self, limit: float) -> None:
         """Flip edges and move vertices where faces lie folded over each other."""
         for _ in range(UNFOLD_ROUNDS):
-            with self._stage("flip"):
-                flips = self._kernel.flip_to_unfold(limit)
-            if not self._move(limit, folded=True) and not flips:
+            flips = self._flip(FlipAim.UNFOLD, limit)
+            if not self._move(limit, math.inf, folded=True) and not flips:
                 return
 
-    def _move(self, limit: float = math.inf, folded: bool = False) -> int:
+    def _move(self, limit: float, tolerance: float, folded: bool = False) -> int:
         with self._stage("move"):
-            centres = self._kernel.find_moves(limit, folded)
+            centres = self._kernel.find_moves(limit, tolerance, folded)
         mapped = self._map(centres)
         with self._stage("move"):
             return self._kernel.move(mapped)

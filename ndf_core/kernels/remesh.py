@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,19 @@ class HalfEdges(NamedTuple):
     """int32: the base face in whose plane the vector is given."""
     vectors: Float[Array, "f 3 2"]
     """float64: from start to end, unfolded; the first edge of a base face is the x axis of its plane."""
+
+
+class FlipAim(IntEnum):
+    """What flips are for. None but `SPREAD` leaves a crease of more than 60 degrees sharper than it was."""
+
+    LOWER_ENERGY = 0
+    """A lower ODT energy: the sum over faces of area times squared edge lengths, in space."""
+    DELAUNAY = 1
+    """Opposite angles in space that add up to pi at most."""
+    UNFOLD = 2
+    """Where faces lie folded over each other, no edge left as sharp."""
+    SPREAD = 3
+    """Beside edges longer than the limit: opposite angles on the base mesh that add up to pi at most."""
 
 
 class RemeshKernel:
@@ -86,49 +100,49 @@ class RemeshKernel:
         """Area and longest edge of the mapped mesh."""
         return _remesh.measure(self._state)
 
-    def find_long_edges(self, limit: float, along: bool) -> tuple[BasePoints, int]:
+    def find_long_edges(self, limit: float, along: bool = False) -> tuple[BasePoints, int]:
         """Middles of the edges that are mapped longer than `limit`, for `split`, and how many edges have none.
 
-        With `along`, the longest edge of every thin face beside them is split too; then splitting again and again
-        ends wherever the map is Lipschitz.
+        Edges a million times shorter on the base mesh than its own are not split. With `along`, the longest edge of
+        every thin face beside them is split too; then splitting again and again ends wherever the map is Lipschitz.
         """
         count, refused = _remesh.find_long(self._state, limit, along)
         return self._places(count), refused
 
     def split(self, mapped: Float[Array, "n 3"]) -> int:
         """Put vertices at the places found last, which are mapped to `mapped`; the number that was refused."""
-        return _remesh.split(self._state, np.ascontiguousarray(mapped, dtype=np.float64))
+        return _remesh.split(self._state, np.ascontiguousarray(mapped, dtype=np.float64))[0]
 
-    def find_moves(self, limit: float = math.inf, folded: bool = False) -> BasePoints:
+    def find_moves(self, limit: float = math.inf, tolerance: float = math.inf, folded: bool = False) -> BasePoints:
         """For every vertex that was put on an edge, the centre of the faces around it, for `move`.
 
-        Moves will leave no edge longer than `limit` at a vertex that moves. With `folded`, only vertices beside edges
-        whose faces lie folded over each other.
+        Moves will leave no edge longer than `limit` at a vertex that moves, and take the mesh no farther than before
+        from the surface where the vertex was, but for `tolerance`. With `folded`, only vertices beside edges whose
+        faces lie folded over each other.
         """
-        return self._places(_remesh.find_moves(self._state, folded, limit))
+        return self._places(_remesh.find_moves(self._state, folded, limit, tolerance))
 
     def move(self, mapped: Float[Array, "n 3"]) -> int:
         """Move vertices to the places found last wherever that makes no face worse; how many were moved."""
-        return _remesh.move(self._state, np.ascontiguousarray(mapped, dtype=np.float64))
+        return _remesh.move(self._state, np.ascontiguousarray(mapped, dtype=np.float64))[0]
 
     def remove_short_edges(self, limit: float) -> int:
         """Remove a vertex of each edge shorter than `limit`, though none of the base mesh; how many were removed."""
         return _remesh.remove_short(self._state, limit)
 
-    def flip_to_lower_energy(self, limit: float) -> int:
-        """Flip edges while that lowers the ODT energy; how many flips. No edge beyond `limit` replaces a shorter one.
+    def flip(self, aim: FlipAim, limit: float, tolerance: float = math.inf) -> tuple[int, BasePoints]:
+        """Flip edges; how many, and what `flip_held` needs. No edge beyond `limit` replaces a shorter one.
 
-        The energy is the sum over faces of area times squared edge lengths. No crease gets sharper than 60 degrees.
+        Edges whose flips would move the surface by more than `tolerance` are held. The answer has two points for each:
+        the middle of the edge and that of the one that would replace it.
         """
-        return _remesh.flip(self._state, 0, limit)
+        flips, count = _remesh.flip(self._state, int(aim), limit, tolerance)
+        return flips, self._places(count)
 
-    def flip_to_delaunay(self, limit: float) -> int:
-        """The same with another aim: that opposite angles in space add up to pi at most."""
-        return _remesh.flip(self._state, 1, limit)
-
-    def flip_to_unfold(self, limit: float) -> int:
-        """The same for edges whose faces lie folded over each other, where that leaves no edge as sharp."""
-        return _remesh.flip(self._state, 2, limit)
+    def flip_held(self, mapped: Float[Array, "n 3"]) -> tuple[int, BasePoints]:
+        """Flip edges held whose replacements are no farther from the surface, but for the tolerance; as `flip`."""
+        flips, count = _remesh.flip_held(self._state, np.ascontiguousarray(mapped, dtype=np.float64))
+        return flips, self._places(count)
 
     def sort(self) -> None:
         """Renumber everything by its place on the base mesh; passes over large meshes are twice as fast for it."""

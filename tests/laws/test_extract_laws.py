@@ -205,6 +205,22 @@ def test_a_rough_field_is_followed_to_the_end() -> None:
     assert extracted.statistics["manifold"]
 
 
+def test_a_field_of_large_stretch_is_followed_to_the_end() -> None:
+    """Forty to one in places, as fits have them: flips that serve the mapped mesh bring back what splits removed."""
+    extracted = extract_mesh(small_content(icosphere(0), levels=8, width=16, amplitude=0.06), 0.06)
+    assert longest_edge(extracted) <= 0.06 * (1 + 1e-12)
+    assert extracted.statistics["unsplit_edges"] == 0
+    assert extracted.statistics["manifold"]
+
+
+def test_blunt_creases_are_not_cut_off() -> None:
+    """Faces of an icosphere meet at 18 degrees: flips and moves would lose area, and gain angles, at every edge."""
+    content = small_content(icosphere(1), amplitude=0.0)
+    extracted = Asset(content).extract(0.05)
+    expected = area(Asset(content).to_input(content.vertices), content.faces)
+    assert area(extracted.vertices, extracted.faces) == pytest.approx(expected, rel=2e-4)
+
+
 def test_a_wildly_rough_field_ends_with_an_error() -> None:
     with pytest.raises(ExtractionError, match="vertices|rough"):
         extract_mesh(with_displacement(content_of("sphere"), 1e20))

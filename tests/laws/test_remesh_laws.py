@@ -11,7 +11,7 @@ from small_assets import Mesh, icosphere, open_grid, torus
 
 from ndf_core.kernels.mesh_check import check_mesh
 from ndf_core.kernels.reference import remesh as reference
-from ndf_core.kernels.remesh import BasePoints, RemeshKernel
+from ndf_core.kernels.remesh import BasePoints, FlipAim, RemeshKernel
 
 
 def noisy(mesh: Mesh, seed: int, amount: float) -> Mesh:
@@ -156,7 +156,7 @@ def test_nearly_all_that_was_added_can_be_removed(name: str) -> None:
     assert added > 10 * len(state.vertices)
     for _ in range(20):
         state.kernel.remove_short_edges(1e9)
-        state.kernel.flip_to_lower_energy(1e9)
+        state.kernel.flip(FlipAim.LOWER_ENERGY, 1e9)
     assert state.kernel.vertex_count - len(state.vertices) < 0.02 * added
     state.check()
 
@@ -166,7 +166,7 @@ def test_an_edge_on_a_plane_is_the_segment_between_its_ends() -> None:
     state = State(MESHES["planar"])
     random_edits(state, 3000, 5, most_vertices=400)
     for _ in range(10):
-        if not state.kernel.flip_to_delaunay(1e9):
+        if not state.kernel.flip(FlipAim.DELAUNAY, 1e9)[0]:
             break
     now, edges = state.kernel.triangulation(), state.kernel.half_edges()
     straight = now.mapped[np.roll(now.faces, -1, axis=1)] - now.mapped[now.faces]
@@ -204,10 +204,10 @@ def test_degenerate_base_meshes_are_refined_like_others(mesh: Mesh) -> None:
         for _ in range(8):
             places, _ = kernel.find_long_edges(limit, along=False)
             kernel.split(mapped(places))
-            kernel.flip_to_lower_energy(limit)
+            kernel.flip(FlipAim.LOWER_ENERGY, limit)
         kernel.remove_short_edges(limit / 4)
         kernel.move(mapped(kernel.find_moves()))
-        kernel.flip_to_delaunay(limit)
+        kernel.flip(FlipAim.DELAUNAY, limit)
     now = kernel.triangulation()
     after = check_mesh(now.faces, len(now.mapped))
     assert after.manifold

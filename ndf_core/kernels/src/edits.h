@@ -9,6 +9,7 @@
 #include "triangulation.h"
 
 #define TOLERANCE 1e-6      /* distance of a line's end from its vertex, over the line's length */
+#define MOST_SCALE 1e3      /* of the edges that a line was laid out from, over its own length */
 #define LEAST_ALTITUDE 1e-5 /* of a new face, over its longest edge: what keeps lines clear of corners */
 
 /* ---- new edges ---- */
@@ -49,16 +50,18 @@ static int turn_vector(const Surface *surface, const Point *point, int32_t *face
     return 0;
 }
 
-/* The edge that leaves `origin` in `face` along `vector`, if it ends at `target`. */
+/* The edge that leaves `origin` in `face` along `vector`, if it ends at `target`. A vector that was laid out from edges of
+ * length `scale` is no more precise than those, if it is much shorter. */
 static int find_edge(const Triangulation *mesh, const Point *origin, const Point *target, int32_t face, Vector vector,
-                     Edge *edge)
+                     double scale, Edge *edge)
 {
     Vector start;
     Trace trace;
     double size = length(vector);
+    scale = fmin(fmax(scale, size), MOST_SCALE * size);
     if (!(size > 0) || !place_in(mesh->surface, origin, face, &start)
         || !trace_line(mesh->surface, face, start, vector, &trace)
-        || !arrives(mesh->surface, &trace, target, TOLERANCE * size))
+        || !arrives(mesh->surface, &trace, target, TOLERANCE * scale))
         return 0;
     Vector exact = minus(moved_back(trace.motion, trace.place), start);
     *edge = (Edge){{face, trace.face}, {exact, scaled(times(trace.motion.turn, exact), -1)}};
@@ -72,7 +75,7 @@ static int find_edge_beside(const Triangulation *mesh, int32_t h, Vector factor,
     int32_t face = mesh->home[h];
     Vector vector = mesh->vector[h];
     return turn_vector(mesh->surface, origin, &face, &vector, factor)
-        && find_edge(mesh, origin, &mesh->point[target], face, vector, edge);
+        && find_edge(mesh, origin, &mesh->point[target], face, vector, 0, edge);
 }
 
 /* ---- flips ---- */
@@ -123,13 +126,13 @@ static int flip_if_valid(Triangulation *mesh, int32_t h)
 
 /* ---- splits ---- */
 
-/* Where the middle of h lies on the surface. Returns 0 where that cannot be told from a corner of it. */
-static int find_middle(const Triangulation *mesh, int32_t h, Point *point)
+/* Where the middle of an edge lies on the surface. Returns 0 where that cannot be told from a corner of it. */
+static int find_middle(const Triangulation *mesh, int32_t start, int32_t home, Vector vector, Point *point)
 {
-    Vector start;
+    Vector place;
     Trace trace;
-    return place_in(mesh->surface, &mesh->point[mesh->corner[h]], mesh->home[h], &start)
-        && trace_line(mesh->surface, mesh->home[h], start, scaled(mesh->vector[h], 0.5), &trace)
+    return place_in(mesh->surface, &mesh->point[start], home, &place)
+        && trace_line(mesh->surface, home, place, scaled(vector, 0.5), &trace)
         && point_at(mesh->surface, trace.face, trace.place, point);
 }
 
@@ -143,20 +146,20 @@ static int find_split(const Triangulation *mesh, int32_t h, const Point *middle,
     int32_t g = mesh->twin[h];
     const Point *start = &mesh->point[mesh->corner[h]], *end = &mesh->point[end_of(mesh, h)];
     Edge half;
-    if (!find_edge(mesh, start, middle, mesh->home[h], scaled(mesh->vector[h], 0.5), &half)) return 0;
+    if (!find_edge(mesh, start, middle, mesh->home[h], scaled(mesh->vector[h], 0.5), 0, &half)) return 0;
     split->first = (Edge){{half.home[1], half.home[0]}, {half.vector[1], half.vector[0]}};
     double base = length(mesh->vector[h]), part = length(half.vector[0]);
     Vector onward = scaled(half.vector[1], -(base - part) / part);
-    if (!find_edge(mesh, middle, end, half.home[1], onward, &split->second)) return 0;
+    if (!find_edge(mesh, middle, end, half.home[1], onward, 0, &split->second)) return 0;
     Vector up = minus(apex_over(mesh, h, base), (Vector){part, 0});
     if (!find_edge(mesh, middle, &mesh->point[mesh->corner[previous(h)]], half.home[1],
-                   times(half.vector[1], scaled(up, -1 / part)), &split->up))
+                   times(half.vector[1], scaled(up, -1 / part)), base, &split->up))
         return 0;
     if (g < 0) return 1;
     Vector down = minus(conjugate(apex(base, length(mesh->vector[next(g)]), length(mesh->vector[previous(g)]))),
                         (Vector){part, 0});
     return find_edge(mesh, middle, &mesh->point[mesh->corner[previous(g)]], half.home[1],
-                     times(half.vector[1], scaled(down, -1 / part)), &split->down);
+                     times(half.vector[1], scaled(down, -1 / part)), base, &split->down);
 }
 
 /* Put a vertex on h: (a, b, c) becomes (a, m, c) at h and (m, b, c), (b, a, d) becomes (b, m, d) at the twin and
@@ -336,7 +339,7 @@ static int move_vertex(Triangulation *mesh, int32_t v, const Star *star, Vector 
     for (int i = 0; i < star->count; i++) {
         Vector vector = times(trace.motion.turn, minus(star->place[i], shift));
         const Point *target = &mesh->point[end_of(mesh, star->half_edge[i])];
-        if (!find_edge(mesh, point, target, point->face, vector, &edges[i])) return 0;
+        if (!find_edge(mesh, point, target, point->face, vector, 0, &edges[i])) return 0;
     }
     for (int i = 0; i < star->count; i++)
         set_edge(mesh, star->half_edge[i], mesh->twin[star->half_edge[i]], &edges[i]);

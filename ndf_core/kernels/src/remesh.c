@@ -1,7 +1,8 @@
 /* Python binding of remeshing. The state is a capsule; sizes are checked here, and the passes trust them. */
 #include "arrays.h"
 
-#include "remeshing.h"
+#include "moving.h"
+#include "splitting.h"
 
 #define CAPSULE "ndf_core.kernels.Remesh"
 
@@ -125,11 +126,11 @@ static PyObject *find_shifts(PyObject *self, PyObject *args)
 {
     PyObject *capsule;
     int folded, done;
-    double limit;
+    double limit, tolerance;
     State *state;
-    if (!PyArg_ParseTuple(args, "Opd", &capsule, &folded, &limit) || !(state = state_of(capsule))) return NULL;
+    if (!PyArg_ParseTuple(args, "Opdd", &capsule, &folded, &limit, &tolerance) || !(state = state_of(capsule))) return NULL;
     Py_BEGIN_ALLOW_THREADS
-    done = find_moves(&state->mesh, folded, limit, &state->places);
+    done = find_moves(&state->mesh, folded, limit, tolerance, &state->places);
     Py_END_ALLOW_THREADS
     return done ? PyLong_FromLong(state->places.count) : PyErr_NoMemory();
 }
@@ -156,9 +157,9 @@ static PyObject *places(PyObject *self, PyObject *args)
     return fits ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "faces, weights: need %d rows", found->count);
 }
 
-typedef int32_t (*Apply)(Triangulation *mesh, const Places *places, const double *mapped);
+typedef int64_t (*Apply)(Triangulation *mesh, Places *places, const double *mapped);
 
-/* Run a pass over the places found last, which are then forgotten: `mapped` d(n,3) is where the map takes them. */
+/* Run a pass over the places found last: `mapped` d(n,3) is where the map takes them. Returns what it counts. */
 static PyObject *apply(PyObject *args, Apply pass)
 {
     PyObject *capsule, *object;
@@ -167,21 +168,22 @@ static PyObject *apply(PyObject *args, Apply pass)
     if (!PyArg_ParseTuple(args, "OO", &capsule, &object) || !(state = state_of(capsule))
         || array_get(object, &mapped, 'd', 3, 0, "mapped") < 0)
         return NULL;
-    int32_t result = -1;
+    int64_t result = -1;
     if (mapped.rows != state->places.count) {
         PyErr_Format(PyExc_ValueError, "mapped: need %d rows, got %zd", state->places.count, mapped.rows);
     } else {
         Py_BEGIN_ALLOW_THREADS
         result = pass(&state->mesh, &state->places, mapped.data);
-        state->places.count = 0;
         Py_END_ALLOW_THREADS
         if (result < 0) PyErr_NoMemory();
     }
     array_release(&mapped);
-    return result < 0 ? NULL : PyLong_FromLong(result);
+    return result < 0 ? NULL : Py_BuildValue("Li", (long long)result, state->places.count);
 }
 
+/* split(state, mapped) -> (refused, 0); flip_held(state, mapped) -> (flips, places); move(state, mapped) -> (moves, 0) */
 static PyObject *split(PyObject *self, PyObject *args) { return apply(args, split_long_edges); }
+static PyObject *flip_held(PyObject *self, PyObject *args) { return apply(args, flip_held_edges); }
 static PyObject *move(PyObject *self, PyObject *args) { return apply(args, move_vertices); }
 
 /* remove_short(state, limit) -> removed vertices */
@@ -199,27 +201,22 @@ static PyObject *remove_short(PyObject *self, PyObject *args)
     return PyLong_FromLong(removed);
 }
 
-/* flip(state, criterion, limit) -> flips */
-static PyObject *flip_better(PyObject *self, PyObject *args)
+/* flip(state, criterion, limit, tolerance) -> (flips, places) */
+static PyObject *flip_all(PyObject *self, PyObject *args)
 {
     PyObject *capsule;
     int criterion;
-    double limit;
+    Aim aim;
     State *state;
-    if (!PyArg_ParseTuple(args, "Oid", &capsule, &criterion, &limit) || !(state = state_of(capsule))) return NULL;
-    size_t half_edges = 3 * (size_t)state->mesh.faces;
-    uint8_t *waiting = malloc(half_edges + 1);
-    int32_t *stack = malloc((half_edges + 1) * sizeof *stack);
-    int64_t flips = -1;
-    if (waiting && stack) {
-        state->places.count = 0;
-        Py_BEGIN_ALLOW_THREADS
-        flips = flip_edges(&state->mesh, (Criterion)criterion, limit, waiting, stack);
-        Py_END_ALLOW_THREADS
-    }
-    free(waiting);
-    free(stack);
-    return flips < 0 ? PyErr_NoMemory() : PyLong_FromLongLong(flips);
+    if (!PyArg_ParseTuple(args, "Oidd", &capsule, &criterion, &aim.limit, &aim.tolerance)
+        || !(state = state_of(capsule)))
+        return NULL;
+    aim.criterion = (Criterion)criterion;
+    int64_t flips;
+    Py_BEGIN_ALLOW_THREADS
+    flips = flip_edges(&state->mesh, &aim, &state->places);
+    Py_END_ALLOW_THREADS
+    return flips < 0 ? PyErr_NoMemory() : Py_BuildValue("Li", (long long)flips, state->places.count);
 }
 
 /* sort(state): in memory as on the surface; no slot stays free */
@@ -316,10 +313,11 @@ static PyMethodDef methods[] = {
     {"find_long", find_long, METH_VARARGS, "find_long(state, limit, along) -> (places, refused)"},
     {"find_moves", find_shifts, METH_VARARGS, "find_moves(state, folded, limit) -> places"},
     {"places", places, METH_VARARGS, "places(state, faces, weights)"},
-    {"split", split, METH_VARARGS, "split(state, mapped) -> refused"},
-    {"move", move, METH_VARARGS, "move(state, mapped) -> moves"},
+    {"split", split, METH_VARARGS, "split(state, mapped) -> (refused, 0)"},
+    {"move", move, METH_VARARGS, "move(state, mapped) -> (moves, 0)"},
     {"remove_short", remove_short, METH_VARARGS, "remove_short(state, limit) -> removed"},
-    {"flip", flip_better, METH_VARARGS, "flip(state, criterion, limit) -> flips"},
+    {"flip", flip_all, METH_VARARGS, "flip(state, criterion, limit, tolerance) -> (flips, places)"},
+    {"flip_held", flip_held, METH_VARARGS, "flip_held(state, mapped) -> (flips, places)"},
     {"sort", sort, METH_O, "sort(state)"},
     {"export", export_arrays, METH_VARARGS, "export(state, faces, point_faces, weights, mapped)"},
     {"edges", edges, METH_VARARGS, "edges(state, twins, homes, vectors)"},

@@ -52,6 +52,7 @@ typedef struct {
     const int32_t *corners, *twins; /* half-edge 3 f + i runs from corner i to corner i + 1; twin -1 at a border */
     Vector *corner;                 /* by half-edge: where its first corner lies in the face's plane */
     Motion *across;                 /* by half-edge: from its face's plane to its twin's */
+    double size;                    /* mean length of an edge */
 } Surface;
 
 typedef struct {
@@ -61,7 +62,7 @@ typedef struct {
 
 /* Lengths of the edges with a constant added, so that every face has the least slack (Sharp, Crane 2020). Returns -1 if
  * they are not finite. */
-static int relaxed_lengths(const Surface *surface, const double *positions, double *lengths)
+static int relaxed_lengths(Surface *surface, const double *positions, double *lengths)
 {
     int32_t half_edges = 3 * surface->faces;
     double total = 0, missing = 0;
@@ -76,6 +77,7 @@ static int relaxed_lengths(const Surface *surface, const double *positions, doub
     for (int32_t h = 0; h < half_edges; h++)
         missing = fmax(missing, least - (lengths[next(h)] + lengths[previous(h)] - lengths[h]));
     for (int32_t h = 0; h < half_edges; h++) lengths[h] += missing;
+    surface->size = half_edges > 0 ? total / half_edges + missing : 1;
     return 0;
 }
 
@@ -117,7 +119,7 @@ static int surface_create(Surface *surface, const int32_t *corners, const int32_
 {
     size_t half_edges = 3 * (size_t)faces;
     *surface = (Surface){faces, corners, twins, malloc((half_edges + 1) * sizeof(Vector)),
-                         malloc((half_edges + 1) * sizeof(Motion))};
+                         malloc((half_edges + 1) * sizeof(Motion)), 1};
     double *lengths = malloc((half_edges + 1) * sizeof *lengths);
     int result = surface->corner && surface->across && lengths ? relaxed_lengths(surface, positions, lengths) : -2;
     if (result == 0) lay_out(surface, lengths);
