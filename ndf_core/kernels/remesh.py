@@ -133,7 +133,7 @@ class RemeshKernel:
     def flip(self, aim: FlipAim, limit: float, tolerance: float = math.inf) -> tuple[int, BasePoints]:
         """Flip edges; how many, and what `flip_held` needs. No edge beyond `limit` replaces a shorter one.
 
-        Edges whose flips would move the surface by more than `tolerance` are held. The answer has two points for each:
+        Edges whose flips would move the surface by more than `tolerance` are held. The answer has two points each:
         the middle of the edge and that of the one that would replace it.
         """
         flips, count = _remesh.flip(self._state, int(aim), limit, tolerance)
