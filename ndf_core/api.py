@@ -1,4 +1,7 @@
-"""All that a plugin imports to register a representation: `hookimpl`, `RepresentationSpec`, `Sniff`, `API_VERSION`.
+"""All that a plugin imports to register what it offers: `hookimpl`, `API_VERSION`, and a spec.
+
+`RepresentationSpec` (with `Sniff`) for inputs of `ndf fit`, `ExporterSpec` for output formats of `ndf extract`,
+`ObserverSpec` for what follows a fit.
 
 A plugin's entry module must import fast, since `ndf` imports it to look at files and to print help: pydantic and the
 standard library, never numpy or torch. What is heavy belongs in the module that `RepresentationSpec.open` names.
@@ -18,6 +21,10 @@ PROJECT = "ndf"
 """pluggy project name."""
 ENTRY_POINT_GROUP = "ndf.representations"
 """Entry-point group; the entry point's name is the `--repr` value, its value the light module."""
+EXPORTER_GROUP = "ndf.exporters"
+"""Entry-point group of output formats; the entry point's name is the file name's ending without its dot."""
+OBSERVER_GROUP = "ndf.observers"
+"""Entry-point group of observers; the entry point's name is the one that ``ndf fit --observe`` takes."""
 API_VERSION = 1
 """Version of this module's contract. A plugin writes the number that it was made for, never this constant."""
 
@@ -62,6 +69,47 @@ class RepresentationSpec:
     Also called with sources that are no files, such as ``module:callable``, as a `Path` of that text."""
 
 
+@dataclass(frozen=True)
+class ExporterSpec:
+    """One output format of `ndf extract`. The formats that ndf writes itself (.ply, .obj, ...) cannot be replaced."""
+
+    name: str
+    """The file name's ending without its dot, lower case; equal to the entry point's name."""
+    summary: str
+    """One line for listings."""
+    write: str
+    """``"package.module:function"``, imported when a file is written.
+    ``function(file: BinaryIO, mesh: ndf_core.extract.extracted.ExtractedMesh, colors) -> None``, with an array of
+    uint8 (v, 3) or None as colours; what it raises leaves no file behind."""
+    api_version: int
+    """The `API_VERSION` that the plugin was made for."""
+
+
+@dataclass(frozen=True)
+class ObserverSpec:
+    """What can follow a fit: ``ndf fit --observe NAME`` or ``--observe NAME:TARGET``."""
+
+    name: str
+    """Equal to the entry point's name."""
+    summary: str
+    """One line for listings; says what TARGET is."""
+    open: str
+    """``"package.module:function"``, imported when a fit starts.
+    ``function(target: str | None) -> ndf_core.fitting.observer.Observer``; ``target`` is what follows the colon."""
+    api_version: int
+    """The `API_VERSION` that the plugin was made for."""
+
+
 @hookspec(firstresult=True)
 def ndf_representation() -> RepresentationSpec:  # pyright: ignore[reportReturnType]  # a hook spec has no body
     """Return the representation that this entry module offers; called once, right after import."""
+
+
+@hookspec(firstresult=True)
+def ndf_exporter() -> ExporterSpec:  # pyright: ignore[reportReturnType]  # a hook spec has no body
+    """Return the output format that this entry module offers; called once, right after import."""
+
+
+@hookspec(firstresult=True)
+def ndf_observer() -> ObserverSpec:  # pyright: ignore[reportReturnType]  # a hook spec has no body
+    """Return the observer that this entry module offers; called once, right after import."""

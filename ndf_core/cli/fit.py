@@ -29,6 +29,12 @@ SUFFIX = ".ndf"
 @click.option("--repr", "repr_", metavar="NAME", help="Representation of INPUT; without it the file is looked at.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The asset to write, .ndf.")
 @click.option("--config", type=click.Path(), help="TOML file with [fit] and [representation]; below these options.")
+@click.option(
+    "--observe",
+    multiple=True,
+    metavar="NAME[:TARGET]",
+    help="Follow the fit: jsonl:FILE, tensorboard:FOLDER, wandb:PROJECT, or an installed observer; repeatable.",
+)
 @click.option("--resume", is_flag=True, help="Go on from the checkpoint that an interrupted run left beside OUTPUT.")
 @click.option("--quiet", is_flag=True, help="No progress and no remarks.")
 @json_option
@@ -40,6 +46,7 @@ def command(
     repr_: str | None,
     output: Path,
     config: str | None,
+    observe: tuple[str, ...],
     resume: bool,
     quiet: bool,
     **options: Any,
@@ -62,20 +69,30 @@ def command(
         resolved = resolve_config(spec, given, file=plan.file, training_defaults=surface.training_defaults)
     if not quiet:
         _say(*surface.notes, *_overwritten(output, resume))
-    report = _run(surface, resolved.fit.config, output, resume, quiet, ctx.obj)
+    report = _run(surface, resolved.fit.config, output, resume, quiet, observe, ctx.obj)
     return Result(report, f"{output}\n{as_lines(report, '  ')}")
 
 
 def _run(
-    surface: Surface, config: FitConfig, output: Path, resume: bool, quiet: bool, arguments: Sequence[str]
+    surface: Surface,
+    config: FitConfig,
+    output: Path,
+    resume: bool,
+    quiet: bool,
+    observe: Sequence[str],
+    arguments: Sequence[str],
 ) -> Mapping[str, Any]:
     """The fit itself; torch is imported here."""
     from ndf_core.cli.progress import make_observer
+    from ndf_core.fitting.observer import Observers
     from ndf_core.fitting.pipeline import run_fit
+    from ndf_core.plugins.companions import open_observers
 
+    followers = open_observers(observe)
     try:
-        with make_observer(quiet) as observer:
-            return run_fit(surface, config, output=output, resume=resume, observer=observer).report
+        with make_observer(quiet) as shown:
+            observers = Observers([*([shown] if shown else []), *followers])
+            return run_fit(surface, config, output=output, resume=resume, observer=observers).report
     except KeyboardInterrupt:
         raise Interrupted(_how_to_resume(output, arguments)) from None
 

@@ -11,8 +11,9 @@ from contextlib import contextmanager, redirect_stdout
 import click
 
 from ndf_core.cli.app import ndf
-from ndf_core.cli.result import Interrupted, Result, as_json
+from ndf_core.cli.result import Interrupted, Result
 from ndf_core.errors import NdfError
+from ndf_core.plain_json import as_json
 
 INTERNAL, USAGE, BAD, INTERRUPTED = 1, 2, 3, 130
 OPTIONAL_PACKAGES = ("torch", "scipy", "igl", "rich", "safetensors", "cholespy", "pygeodesic", "potpourri3d")

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ndf_core.cli.progress import progress_line
+from ndf_core.fitting.observer import Observer
 
 if TYPE_CHECKING:
     from ndf_core.fitting.observer import TrainingProgress
@@ -26,7 +27,7 @@ def live_observer() -> Generator[LiveObserver]:
         yield LiveObserver(console, live)
 
 
-class LiveObserver:
+class LiveObserver(Observer):
     """Shows the stage, or in training a bar and the losses."""
 
     def __init__(self, console: Console, live: Live) -> None:

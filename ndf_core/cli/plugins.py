@@ -7,8 +7,11 @@ from dataclasses import asdict
 import click
 
 from ndf_core.cli.app import debug_option, json_option
-from ndf_core.cli.result import Result, as_json
-from ndf_core.plugins.discovery import not_installed
+from ndf_core.cli.result import Result
+from ndf_core.plain_json import as_json
+from ndf_core.plugins.discovery import EXPORTERS, GROUP, OBSERVERS, not_installed
+
+KINDS = {"representations": GROUP, "exporters": EXPORTERS, "observers": OBSERVERS}
 
 
 @click.command(short_help="List the installed representations, or check them.")
@@ -21,9 +24,17 @@ from ndf_core.plugins.discovery import not_installed
     help="Seconds for each check; 60 if left out, 600 for all laws of NAME.",
 )
 @click.option("--schema", metavar="NAME", help="Print the JSON schema of a config file for this representation.")
+@click.option(
+    "--kind",
+    type=click.Choice(list(KINDS)),
+    default="representations",
+    help="What to list: representations (the default), exporters of ndf extract, observers of ndf fit.",
+)
 @json_option
 @debug_option
-def command(name: str | None, source: str | None, check: bool, timeout: float | None, schema: str | None) -> Result:
+def command(
+    name: str | None, source: str | None, check: bool, timeout: float | None, schema: str | None, kind: str
+) -> Result:
     """List the installed representations from their metadata; --check imports them and says what is wrong.
 
     --check NAME goes on to the laws of ndf_core.testing: of the plugin alone, or with a SOURCE, a small file that it
@@ -37,13 +48,15 @@ def command(name: str | None, source: str | None, check: bool, timeout: float | 
         return _conformance(name, source, timeout)
     from ndf_core.plugins.checking import CHECK_SECONDS, Status, check_plugins, list_plugins
 
-    found = check_plugins(timeout or CHECK_SECONDS) if check else list_plugins()
+    group = KINDS[kind]
+    found = check_plugins(timeout or CHECK_SECONDS, group) if check else list_plugins(group)
 
     def line(state: Status) -> str:
         cause = f"  {state.error}" if state.error else ""
         return f"{state.name:<18} {state.status:<7} {state.distribution} {state.version}{cause}"
 
-    missing = [f"{name:<18} not installed: pip install {owner}" for name, owner in not_installed().items()]
+    absent = not_installed() if group == GROUP else {}
+    missing = [f"{name:<18} not installed: pip install {owner}" for name, owner in absent.items()]
     return Result([asdict(state) for state in found], "\n".join([*map(line, found), *missing]))
 
 

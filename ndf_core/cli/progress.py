@@ -8,8 +8,10 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from ndf_core.fitting.observer import Observer
+
 if TYPE_CHECKING:
-    from ndf_core.fitting.observer import Observer, TrainingProgress
+    from ndf_core.fitting.observer import TrainingProgress
 
 PLAIN_SECONDS = 5.0
 """Between two plain lines."""
@@ -29,7 +31,7 @@ def make_observer(quiet: bool) -> Generator[Observer | None]:
         yield PlainObserver()
 
 
-class PlainObserver:
+class PlainObserver(Observer):
     """One line per stage, and one every few seconds of training: fit for a log file."""
 
     def __init__(self, seconds: float = PLAIN_SECONDS) -> None:

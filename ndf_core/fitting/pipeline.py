@@ -33,7 +33,7 @@ from ndf_core.fitting.checkpoint import (
 from ndf_core.fitting.geometry import BaseGeometry
 from ndf_core.fitting.identity import initial_parameters
 from ndf_core.fitting.measure import Accuracy, measure
-from ndf_core.fitting.observer import Observer, Silent
+from ndf_core.fitting.observer import Observer, Observers
 from ndf_core.fitting.projection import BoxProjector
 from ndf_core.fitting.quantise import quantise
 from ndf_core.fitting.trainer import Trainer
@@ -83,24 +83,40 @@ def run_fit(
         config: all options; `ndf_core.fit` builds it from keywords.
         output: the asset to write; beside it lies a checkpoint while the fit runs. None keeps everything in memory.
         resume: go on from that checkpoint where there is one.
-        observer: told about the progress.
+        observer: told about the progress; one that fails is reported once and stops nothing.
 
     Raises:
         ConfigError: CUDA was asked for and is not there, or the anchors cannot be read.
         BaseMeshError, FitError, ResumeError, OutputError: as they say.
         KeyboardInterrupt: after a checkpoint has been written.
     """
-    observer = observer or Silent()
+    observer = Observers.of(observer)
     device = _device(config)
     threads = config.threads or os.cpu_count() or 1
     before = torch.get_num_threads()
     # Work is shared out by rows over our own threads; torch's would only wait for each other.
     torch.set_num_threads(1 if device.type == "cpu" else before)
     try:
-        return _Run(surface, config, output, observer, device, threads).run(resume)
+    report: dict[str, Any] | None = None
+    observer.start(_announced(surface, config, output))
+        result = _Run(surface, config, output, observer, device, threads).run(resume)
+        report = result.report
+        return result
     finally:
         torch.set_num_threads(before)
 
+        observer.finish(report)
+
+
+def _announced(surface: Surface, config: FitConfig, output: Path | None) -> dict[str, Any]:
+    """What observers are told of a run when it starts."""
+    return {
+        "representation": surface.representation,
+        "input": surface.fingerprint,
+        "plugin": surface.plugin,
+        "output": None if output is None else str(output),
+        "config": config.model_dump(),
+    }
 
 def _device(config: FitConfig) -> torch.device:
     if config.device == "cuda" and not torch.cuda.is_available():

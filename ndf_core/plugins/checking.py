@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import repeat
 from typing import Literal
 
-from ndf_core.plugins.discovery import Entry, entries
+from ndf_core.plugins.discovery import GROUP, Entry, entries
 
 CHECK_SECONDS = 60.0
 """Time for everything that opening a file would import, torch from a cold disk included."""
@@ -28,16 +28,16 @@ class Status:
     error: str | None
 
 
-def list_plugins() -> list[Status]:
+def list_plugins(group: str = GROUP) -> list[Status]:
     """What metadata tell; imports nothing."""
-    return [_status(entry, "listed", entry.error) for entry in entries()]
+    return [_status(entry, "listed", entry.error) for entry in entries(group)]
 
 
-def check_plugins(seconds: float = CHECK_SECONDS) -> list[Status]:
-    """Import every plugin with all that it needs to open a file, two at a time, each for at most `seconds`."""
+def check_plugins(seconds: float = CHECK_SECONDS, group: str = GROUP) -> list[Status]:
+    """Import every plugin with all that it needs to do its work, two at a time, each for at most `seconds`."""
     with ThreadPoolExecutor(max_workers=2) as pool:
-        causes = list(pool.map(_probe, entries(), repeat(seconds)))
-    return [_status(entry, "ok", cause) for entry, cause in zip(entries(), causes, strict=True)]
+        causes = list(pool.map(_probe, entries(group), repeat(seconds)))
+    return [_status(entry, "ok", cause) for entry, cause in zip(entries(group), causes, strict=True)]
 
 
 def _status(entry: Entry, good: Literal["listed", "ok"], error: str | None) -> Status:
@@ -48,7 +48,8 @@ def _probe(entry: Entry, seconds: float) -> str | None:
     """Cause of failure, None where all is well. ``-P``: what lies in the working directory is nobody's plugin."""
     if entry.error:
         return entry.error
-    command = [sys.executable, "-P", "-m", "ndf_core.plugins.probe", entry.name, entry.distribution, str(seconds)]
+    command = [sys.executable, "-P", "-m", "ndf_core.plugins.probe"]
+    command += [entry.group, entry.name, entry.distribution, str(seconds)]
     try:
         done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds + 5)
     except subprocess.TimeoutExpired:

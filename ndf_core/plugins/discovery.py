@@ -1,4 +1,4 @@
-"""Which representations the installed distributions say they offer. Reads metadata; imports nothing of a plugin."""
+"""What the installed distributions say they offer. Reads metadata; imports nothing of a plugin."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from importlib.metadata import Distribution, EntryPoint, distributions
+from importlib.metadata import Distribution, distributions, version
 
 from ndf_core.errors import RepresentationError
 from ndf_core.names import nearest
 
-GROUP = "ndf.representations"
-"""The entry-point group, also in `ndf_core.api`, which is too slow to import for a listing."""
+GROUP, EXPORTERS, OBSERVERS = "ndf.representations", "ndf.exporters", "ndf.observers"
+"""The entry-point groups, also in `ndf_core.api`, which is too slow to import for a listing."""
 
 OWNERS = {
     **dict.fromkeys(("analytic", "mesh", "grid", "neural"), "ndf-plugin-sdf"),
@@ -23,12 +23,18 @@ OWNERS = {
 }
 """Distributions that keep a name when another claims it as well, so that no stranger can disable these."""
 
+BUILT_IN: dict[str, dict[str, str]] = {
+    OBSERVERS: {name: f"ndf_core.observers.{name}" for name in ("jsonl", "tensorboard", "wandb")},
+    EXPORTERS: dict.fromkeys(("ply", "obj", "stl", "glb", "off"), ""),
+}
+"""Names that ndf-core itself offers, with their entry modules; the writers of meshes are no plugins."""
+
 _NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One claim to a `--repr` value."""
+    """One claim to a name."""
 
     name: str
     target: str
@@ -37,6 +43,7 @@ class Entry:
     version: str
     error: str | None = None
     """Why it cannot be used, as far as metadata tell."""
+    group: str = GROUP
 
     @property
     def origin(self) -> str:
@@ -44,10 +51,10 @@ class Entry:
         return f"{self.distribution} {self.version}"
 
 
-@lru_cache(maxsize=1)
-def entries() -> tuple[Entry, ...]:
-    """All claims, usable or not, by name and then distribution; read once per process."""
-    found = sorted(_claims(), key=lambda entry: (entry.name, entry.distribution))
+@lru_cache(maxsize=3)
+def entries(group: str = GROUP) -> tuple[Entry, ...]:
+    """All claims of a group, usable or not, by name and then distribution; read once per process."""
+    found = sorted(_claims(group), key=lambda entry: (entry.name, entry.distribution))
     count = Counter(entry.name for entry in found)
     return tuple(_judge(entry, [other for other in found if other.name == entry.name], count) for entry in found)
 
@@ -79,7 +86,10 @@ def _judge(entry: Entry, same_name: list[Entry], count: Counter[str]) -> Entry:
         return entry
     if not _NAME.fullmatch(entry.name):
         return replace(entry, error="its name must be lower-case letters, digits and hyphens")
-    owner = OWNERS.get(entry.name)
+    own = BUILT_IN.get(entry.group, {}).get(entry.name)
+    if own is not None and entry.target != own:
+        return replace(entry, error="ndf-core itself offers this name, and keeps it; rename this one")
+    owner = OWNERS.get(entry.name) if entry.group == GROUP else "ndf-core"
     owned = [other for other in same_name if _canonical(other.distribution) == owner]
     if count[entry.name] == 1 or owned == [entry]:
         return entry
@@ -89,29 +99,29 @@ def _judge(entry: Entry, same_name: list[Entry], count: Counter[str]) -> Entry:
     return replace(entry, error=f"the name clashes with {others}; uninstall one of them")
 
 
-def _claims() -> Iterator[Entry]:
+def _claims(group: str) -> Iterator[Entry]:
+    for name, target in BUILT_IN.get(group, {}).items():
+        if target:
+            yield Entry(name, target, "ndf-core", version("ndf-core"), group=group)
     seen: set[str] = set()
     for distribution in distributions():
         try:
             text = distribution.read_text("entry_points.txt") or ""
         except (OSError, UnicodeDecodeError):
             continue  # metadata that pip cannot read either; nothing says that it is a plugin
-        if GROUP not in text:
+        if group not in text:
             continue
-        name, version = _identity(distribution)
+        name, number = _identity(distribution)
         if _canonical(name) in seen:  # the first on the path hides the others, as for imports
             continue
         seen.add(_canonical(name))
         try:
-            points = [point for point in distribution.entry_points if point.group == GROUP]
+            points = [point for point in distribution.entry_points if point.group == group]
         except Exception as error:
-            yield Entry(name, "", name, version, f"entry_points.txt cannot be read: {type(error).__name__}: {error}")
+            cause = f"entry_points.txt cannot be read: {type(error).__name__}: {error}"
+            yield Entry(name, "", name, number, cause, group)
             continue
-        yield from (_entry(point, name, version) for point in points)
-
-
-def _entry(point: EntryPoint, name: str, version: str) -> Entry:
-    return Entry(point.name, point.value, name, version)
+        yield from (Entry(point.name, point.value, name, number, group=group) for point in points)
 
 
 def _identity(distribution: Distribution) -> tuple[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from importlib.metadata import EntryPoint
-from typing import Any
+from typing import Any, TypeVar
 
 import pluggy
 
@@ -13,6 +13,8 @@ from ndf_core.errors import PluginError
 from ndf_core.plugins.contract import RULES
 from ndf_core.plugins.discovery import Entry, claims, entries
 from ndf_core.plugins.guard import SECONDS, ForeignFailure, guarded
+
+T = TypeVar("T")
 
 
 def load(name: str) -> api.RepresentationSpec:
@@ -58,20 +60,28 @@ def load_usable() -> tuple[list[api.RepresentationSpec], list[str]]:
 def ask(entry: Entry) -> api.RepresentationSpec:
     """Import the entry module and call its hook, unguarded; whether the spec keeps the contract is not looked at.
 
-    One pluggy manager per plugin, so that none can see or shadow another's hook.
-
     Raises:
         TypeError: the module has no such hook, or its answer is no `RepresentationSpec`.
     """
+    return ask_for(entry, "ndf_representation", api.RepresentationSpec)
+
+
+def ask_for(entry: Entry, hook: str, kind: type[T]) -> T:
+    """The same for any hook and its spec.
+
+    One pluggy manager per plugin, so that none can see or shadow another's hook.
+    """
     manager = pluggy.PluginManager(api.PROJECT)
     manager.add_hookspecs(api)
-    manager.register(EntryPoint(entry.name, entry.target, api.ENTRY_POINT_GROUP).load())
+    manager.register(EntryPoint(entry.name, entry.target, entry.group).load())
     manager.check_pending()
-    if not manager.hook.ndf_representation.get_hookimpls():
-        raise TypeError("it has no @hookimpl function ndf_representation")
-    spec: Any = manager.hook.ndf_representation()
-    if not isinstance(spec, api.RepresentationSpec):
-        raise TypeError(f"ndf_representation() returned {type(spec).__name__}, not a RepresentationSpec")
+    caller: Any = getattr(manager.hook, hook)
+    if not caller.get_hookimpls():
+        raise TypeError(f"it has no @hookimpl function {hook}")
+    spec: Any = caller()
+    if not isinstance(spec, kind):
+        article = "an" if kind.__name__[0] in "EO" else "a"
+        raise TypeError(f"{hook}() returned {type(spec).__name__}, not {article} {kind.__name__}")
     return spec
 
 
