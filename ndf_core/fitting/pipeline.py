@@ -96,15 +96,14 @@ def run_fit(
     before = torch.get_num_threads()
     # Work is shared out by rows over our own threads; torch's would only wait for each other.
     torch.set_num_threads(1 if device.type == "cpu" else before)
-    try:
     report: dict[str, Any] | None = None
     observer.start(_announced(surface, config, output))
+    try:
         result = _Run(surface, config, output, observer, device, threads).run(resume)
         report = result.report
         return result
     finally:
         torch.set_num_threads(before)
-
         observer.finish(report)
 
 
@@ -117,6 +116,7 @@ def _announced(surface: Surface, config: FitConfig, output: Path | None) -> dict
         "output": None if output is None else str(output),
         "config": config.model_dump(),
     }
+
 
 def _device(config: FitConfig) -> torch.device:
     if config.device == "cuda" and not torch.cuda.is_available():
