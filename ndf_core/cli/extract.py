@@ -7,6 +7,7 @@ import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,11 +16,20 @@ from ndf_core.cli.paths import check_output
 from ndf_core.cli.result import Result, as_lines
 from ndf_core.errors import ConfigError
 
+if TYPE_CHECKING:
+    from numpy import ndarray as Array
+
+    from ndf_core.extract.extracted import ExtractedMesh
+
 
 @click.command(short_help="Extract a triangle mesh from an asset.")
 @click.argument("asset", metavar="ASSET.ndf", type=click.Path(path_type=Path))
 @click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="The mesh: .ply, .obj, .stl, .glb or .off."
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="The mesh: .ply, .obj, .stl, .glb, .off, or what a plugin writes.",
 )
 @click.option(
     "--edge-length", type=float, metavar="H", help="In the units of the input; 1/150 of the longest side if left out."
@@ -33,12 +43,16 @@ def command(asset: Path, output: Path, edge_length: float | None) -> Result:
 
     if edge_length is not None and not (math.isfinite(edge_length) and edge_length > 0):
         raise ConfigError(f"--edge-length {edge_length:g}: must be a positive length in the units of the input")
-    check_output(output, SUFFIXES, asset)
+    exported = output.suffix.lower() not in SUFFIXES
+    check_output(output, _with_plugins(SUFFIXES) if exported else SUFFIXES, asset)
     start = time.perf_counter()
     mesh = Asset.load(asset).extract(edge_length, threads=os.cpu_count() or 1)
     with ThreadPoolExecutor(1) as beside:
         counting = beside.submit(lambda: mesh.self_intersections)
-        write_mesh(output, mesh.vertices, mesh.faces)
+        if exported:
+            _export(output, mesh, None)
+        else:
+            write_mesh(output, mesh.vertices, mesh.faces)
         statistics = {**mesh.statistics, "self_intersections": counting.result()}
     stages = statistics.pop("seconds")
     report = {
@@ -50,3 +64,16 @@ def command(asset: Path, output: Path, edge_length: float | None) -> Result:
         "seconds_by_stage": stages,
     }
     return Result(report, f"{output}\n{as_lines(report, '  ')}")
+
+
+def _with_plugins(suffixes: tuple[str, ...]) -> tuple[str, ...]:
+    from ndf_core.plugins.companions import exporter_suffixes
+
+    return (*suffixes, *exporter_suffixes())
+
+
+def _export(output: Path, mesh: ExtractedMesh, colors: Array | None) -> None:
+    """Plugins are imported only where one is needed."""
+    from ndf_core.plugins.companions import export
+
+    export(output, mesh, colors)
