@@ -11,6 +11,10 @@ from ndf_core.kernels.bvh import share_rows
 
 BETA = 2.25
 """Groups of sources farther than this many of their radii are taken together."""
+_LONGEST = (0.4, 0.2, 0.1)
+"""Edges, as shares of the size, that triangles are cut down to, one after the other, as long as ..."""
+_GROWTH, _PIECES = 2, 50_000
+"""... there are at most so many times as many pieces, and so many more."""
 
 
 class WindingTree:
@@ -39,7 +43,8 @@ class WindingTree:
         vertices, faces = np.asarray(vertices, dtype=np.float64), np.asarray(faces)
         if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
             raise ValueError("faces: need at least one, and indices in range")
-        return cls(_winding.build(np.ascontiguousarray(vertices[faces]).reshape(-1, 9), None, None, beta))
+        corners = _cut_long(vertices[faces])
+        return cls(_winding.build(np.ascontiguousarray(corners).reshape(-1, 9), None, None, beta))
 
     @classmethod
     def of_points(
@@ -127,3 +132,25 @@ class WindingTree:
 
         share_rows(run, len(queries), threads)
         return values
+
+
+def _cut_long(triangles: Float[Array, "f 3 3"]) -> Float[Array, "m 3 3"]:
+    """The same surface in pieces without very long edges: a group with a long triangle is far from nothing."""
+    finite = triangles[np.isfinite(triangles).all(axis=(1, 2))].reshape(-1, 3)
+    size = float(np.ptp(finite, axis=0).max()) if len(finite) else 0.0
+    most = _GROWTH * len(triangles) + _PIECES
+    for share in _LONGEST:
+        while True:
+            length = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+            edge = length.argmax(axis=1)
+            long = length.max(axis=1) > share * size
+            if not long.any():
+                break
+            if len(triangles) + int(long.sum()) > most:
+                return triangles
+            row, first = np.flatnonzero(long), edge[long]
+            a, b, c = (triangles[row, (first + k) % 3] for k in range(3))
+            middle = (a + b) / 2
+            pieces = [np.stack(corners, axis=1) for corners in ((a, middle, c), (middle, b, c))]
+            triangles = np.concatenate([triangles[~long], *pieces])
+    return triangles

@@ -60,26 +60,30 @@ class WindingExtractor(BaseMeshExtractor):
         vertices, faces, remarks = self.dense
         return coarsen(vertices, faces, max_faces, remarks=remarks)
 
-    def sample(self, count: int, rng: np.random.Generator) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
-        """`count` points even by area on the dense mesh, which lies on the level set to a fraction of a cell, and
-        the normals of its faces."""
-        vertices, faces, _ = self.dense
-        return Triangles(vertices, faces.astype(np.int64), ()).sample(count, rng)[:2]
-
 
 def sample_by_landing(
-    extractor: WindingExtractor, land: Callable[[Float[Array, "n 3"]], Landing], count: int, rng: np.random.Generator
+    vertices: Float[Array, "v 3"],
+    faces: Int[Array, "f 3"],
+    land: Callable[[Float[Array, "n 3"]], Landing],
+    count: int,
+    rng: np.random.Generator,
 ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
-    """`count` points on the level set itself, about even by area: samples of the dense mesh, projected.
+    """`count` points on a surface itself, about even by area, with normals: samples of a mesh near it, projected.
+
+    Args:
+        vertices, faces: a mesh that is off the surface by a fraction of a cell.
+        land: projects onto the surface.
+        count: points wanted.
+        rng: for the samples.
 
     Raises:
         InputError: they do not land.
     """
     found: list[Float[Array, "n 3"]] = []
     normals: list[Float[Array, "n 3"]] = []
-    missing = count
+    mesh, missing = Triangles(vertices, faces.astype(np.int64), ()), count
     for _ in range(20):
-        points, outwards, landed = land(extractor.sample(missing, rng)[0])
+        points, outwards, landed = land(mesh.sample(missing, rng)[0])
         found.append(points[landed])
         normals.append(outwards[landed])
         missing -= int(landed.sum())

@@ -71,7 +71,7 @@ def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representat
         projector=projector,
         fingerprint=digest,
         training_defaults=WINDING_DEFAULTS,
-        sample=lambda count, rng: sample_by_landing(extractor, projector.land, count, rng),
+        sample=lambda count, rng: sample_by_landing(*extractor.dense[:2], projector.land, count, rng),
         notes=tuple(notes),
     )
 

@@ -11,6 +11,7 @@ from ndf_core.interfaces import Surface
 from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, offset_surface, sampling_spacing
 from ndf_core.surfaces.fingerprint import fingerprint
 from ndf_plugin_pointcloud.defaults import POINTS_DEFAULTS
+from ndf_plugin_pointcloud.level_set_mesh import sample_by_landing
 from ndf_plugin_pointcloud.local_planes import LocalPlanes
 from ndf_plugin_pointcloud.orientation import oriented_normals, outward_vectors
 from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
@@ -70,12 +71,17 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
             + ("" if closing else "; --open cap makes a capped solid of them instead")
         )
     planes = LocalPlanes(points, config.neighbours, outward_vectors(points, offset, threads))
+    projector = ShellProjector(planes, 0.0 if solid else radius, _LIMIT * radius)
     return Surface(
         representation="points",
         base_mesh=DilationExtractor(offset),
-        projector=ShellProjector(planes, 0.0 if solid else radius, _LIMIT * radius),
+        projector=projector,
         fingerprint=digest,
         training_defaults=POINTS_DEFAULTS,
-        sample=(lambda count, rng: (rng.choice(points, count), None)) if solid else None,
+        sample=lambda count, rng: (
+            (rng.choice(points, count), None)
+            if solid
+            else sample_by_landing(offset.vertices, offset.faces, projector.land, count, rng)
+        ),
         notes=tuple(notes),
     )

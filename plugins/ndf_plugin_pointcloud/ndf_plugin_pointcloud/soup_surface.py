@@ -95,7 +95,7 @@ def boundary_share(soup: Triangles, tree: WindingTree, threads: int = 1, seed: i
 def _wound(soup: Triangles, tree: WindingTree, config: SoupConfig, digest: str, notes: list[str]) -> Surface:
     threads = torch.get_num_threads()
     rng = np.random.default_rng(0)
-    near = np.concatenate([soup.sample(_SAMPLES, rng)[0], soup.vertices[soup.faces].mean(axis=1)])
+    near = _bounding(soup, tree, rng, threads)
     extractor = WindingExtractor(tree, near, soup.size / config.resolution, config.resolution, threads)
     points, normals, _ = soup.sample(_NEIGHBOURS, rng)
     area = float(np.linalg.norm(soup.area_vectors, axis=1).sum()) / 2
@@ -108,9 +108,25 @@ def _wound(soup: Triangles, tree: WindingTree, config: SoupConfig, digest: str, 
         projector=projector,
         fingerprint=digest,
         training_defaults=WINDING_DEFAULTS,
-        sample=lambda count, generator: sample_by_landing(extractor, projector.land, count, generator),
+        sample=lambda count, rng: sample_by_landing(*extractor.dense[:2], projector.land, count, rng),
         notes=tuple(notes),
     )
+
+
+def _bounding(soup: Triangles, tree: WindingTree, rng: np.random.Generator, threads: int) -> Float[Array, "n 3"]:
+    """Points on the triangles across which w - 1/2 changes sign: what is hidden inside need not be looked at.
+
+    Raises:
+        InputError: there is none.
+    """
+    points, _, face = soup.sample(_SAMPLES, rng)
+    points = np.concatenate([points, soup.vertices[soup.faces].mean(axis=1)])
+    vectors = soup.area_vectors[np.concatenate([face, np.arange(len(soup.faces))])]
+    lift = _LIFT * soup.size * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    crossed = (tree.values(points + lift, threads) > 0.5) != (tree.values(points - lift, threads) > 0.5)
+    if not crossed.any():
+        raise InputError("the winding number of the triangles is nowhere one half; --method dilation takes any")
+    return points[crossed]
 
 
 def _dilated(soup: Triangles, config: SoupConfig, digest: str, notes: list[str]) -> Surface:
@@ -130,7 +146,7 @@ def _dilated(soup: Triangles, config: SoupConfig, digest: str, notes: list[str])
         projector=projector,
         fingerprint=digest,
         training_defaults=WINDING_DEFAULTS,
-        sample=None,
+        sample=lambda count, rng: sample_by_landing(offset.vertices, offset.faces, projector.land, count, rng),
         notes=tuple(notes),
     )
 

@@ -81,7 +81,11 @@ def test_an_open_sheet_becomes_a_shell(bowl: np.ndarray) -> None:
     found = surface.projector.project(torch.from_numpy(mesh.vertices))
     radius = found.points.norm(dim=1).numpy()
     assert (radius > 1.01).any() and (radius < 0.99).any()  # two sides
-    assert surface.sample is None
+    assert surface.sample is not None
+    samples = surface.sample(2000, np.random.default_rng(0))[0]
+    height = np.linalg.norm(samples, axis=1)[samples[:, 2] < -0.2] - 1
+    assert 0.4 < (height > 0).mean() < 0.65  # both sides, at the distance
+    assert np.abs(height).std() < 0.05 * np.abs(height).mean()
 
 
 def test_or_a_capped_solid(bowl: np.ndarray) -> None:

@@ -117,6 +117,10 @@ def test_sheets_become_shells_and_say_so() -> None:
     assert bool(found.converged.all())
     sheet = trimesh.Trimesh(vertices, faces, process=False)
     np.testing.assert_allclose(closest(sheet, found.points.numpy())[1], 0.05, atol=5e-3)
+    assert surface.sample is not None
+    samples, normals = surface.sample(2000, np.random.default_rng(0))
+    np.testing.assert_allclose(closest(sheet, samples)[1], 0.05, atol=5e-3)
+    assert normals is not None and 0.4 < (normals[:, 2] > 0).mean() < 0.6  # both sides
 
 
 def test_what_is_no_soup_is_refused() -> None:
