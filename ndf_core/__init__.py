@@ -10,6 +10,7 @@ Importing this package imports nothing else; `load` and extraction need neither 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from ndf_core.fitting.observer import Observer
     from ndf_core.interfaces import Surface
 
-__all__ = ["__version__", "fit", "load", "open"]
+__all__ = ["__version__", "fit", "fit_field", "load", "open"]
 
 
 def __getattr__(name: str) -> Any:
@@ -89,6 +90,42 @@ def fit(
     resolved = resolve_config(given=Given(options), file=config, training_defaults=surface.training_defaults)
     path = None if output is None else Path(output)
     return run_fit(surface, resolved.fit.config, output=path, resume=resume, observer=observer).asset
+
+
+def fit_field(
+    asset: Asset,
+    values: Any,
+    *,
+    points: Any,
+    faces: Any = None,
+    name: str = "field",
+    labels: Sequence[str] = (),
+    threads: int = 1,
+    **options: Any,
+) -> Asset:
+    """Learn a field on an asset's surface and return the asset with it (Sec. 3.5); ``asset.values(name, ...)`` is it.
+
+    Args:
+        asset: what the field is over.
+        values: (n,), (n, k) or (n, k, c): one or more fields; a row for each point, or for each face.
+        points: points near the surface, or with `faces` the vertices of a mesh of it; the input's units.
+        faces: triangles between which values are linear.
+        name: of the field in the asset.
+        labels: names of the columns, or of the classes.
+        threads: for closest points.
+        options: fields of `FieldConfig`: ``kind="binary", feature_dim=8, hidden=32``.
+
+    Raises:
+        ConfigError: one line for every option that is wrong.
+        InputError: values that cannot be learned.
+    """
+    from ndf_core.config.field import FieldConfig
+    from ndf_core.config.resolve import resolve_options
+    from ndf_core.fitting.field_fit import fit_field as learn
+    from ndf_core.fitting.field_values import FieldValues
+
+    config = resolve_options(FieldConfig, options, name="arguments")
+    return learn(asset, FieldValues(points, values, faces), name, config, labels, threads).asset
 
 
 def load(path: str | Path) -> Asset:

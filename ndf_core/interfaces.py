@@ -91,6 +91,14 @@ class BaseMeshExtractor(ABC):
         """
 
 
+class ColoredPoints(NamedTuple):
+    """Points on or near the surface with their colours, input units."""
+
+    points: Float[Array, "n 3"]
+    colors: Float[Array, "n 3"]
+    """Red, green, blue in [0, 1]."""
+
+
 @dataclass(frozen=True)
 class Surface:
     """An opened input: what `ndf_core.open` returns and `ndf_core.fit` takes."""
@@ -108,5 +116,7 @@ class Surface:
     units; None where the surface cannot be sampled directly. Only measuring uses it, never fitting."""
     notes: tuple[str, ...] = ()
     """One-line remarks for the user about how the input was read."""
+    colors: Callable[[], ColoredPoints | None] | None = None
+    """The colours that the input has, read when asked for; None, or a None from it, where it has none."""
     plugin: str = ""
     """Distribution and version that read the input, for the provenance; `ndf_core.open` fills it in."""

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
 from ndf_core.asset.content import AssetContent
 from ndf_core.asset.dense_map import BaseLocator
-from ndf_core.asset.fields import FieldEvaluator, decoded
+from ndf_core.asset.fields import COLOR, FieldEvaluator, decoded
 from ndf_core.asset.file import FORMAT_VERSION, asset_bytes, part_bytes, read_asset, write_asset
 from ndf_core.mesh import topology
 
@@ -109,6 +109,16 @@ class Asset:
     def _locator(self) -> BaseLocator:
         """The index behind `locate`; made when first needed."""
         return BaseLocator(self.evaluator(), len(self.content.faces))
+
+    def colors(
+        self, faces: Int[Array, " n"], barycentric: Float[Array, "n 3"], threads: int = 1
+    ) -> UInt8[Array, "n 3"] | None:
+        """Red, green and blue at points of the base mesh; None where the asset has no colours."""
+        block = self.content.fields.get(COLOR)
+        if block is None or block.kind != "continuous" or block.columns != 3:
+            return None
+        shares = self.values(COLOR, faces, barycentric, threads)
+        return np.round(np.clip(shares, 0.0, 1.0) * 255).astype(np.uint8)
 
     def locate(
         self, points: Float[Array, "n 3"], threads: int = 1

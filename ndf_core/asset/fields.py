@@ -32,6 +32,10 @@ def field_arrays(block: FieldBlock) -> FieldArrays:
     )
 
 
+COLOR = "color"
+"""Name of the field of the input's colours: red, green and blue in [0, 1]."""
+
+
 class FieldEvaluator:
     """One field of an asset, ready to be evaluated many times. Answers are float32, in the box frame for lengths.
 

@@ -12,6 +12,7 @@ COMMANDS = {
     "extract": "Extract a triangle mesh from an asset.",
     "geodesics": "Distances along a surface from given points.",
     "spectrum": "Lowest eigenvalues and eigenfunctions of a surface.",
+    "field": "Learned fields on an asset's surface: fit, eval.",
     "info": "Show what an asset holds.",
     "plugins": "List the installed representations, or check them.",
     "new-plugin": "Write a plugin package to start from.",

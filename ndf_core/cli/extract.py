@@ -46,13 +46,17 @@ def command(asset: Path, output: Path, edge_length: float | None) -> Result:
     exported = output.suffix.lower() not in SUFFIXES
     check_output(output, _with_plugins(SUFFIXES) if exported else SUFFIXES, asset)
     start = time.perf_counter()
-    mesh = Asset.load(asset).extract(edge_length, threads=os.cpu_count() or 1)
+    threads, loaded = os.cpu_count() or 1, Asset.load(asset)
+    mesh = loaded.extract(edge_length, threads)
     with ThreadPoolExecutor(1) as beside:
         counting = beside.submit(lambda: mesh.self_intersections)
+        # An .stl holds none.
+        plain = output.suffix.lower() == ".stl"
+        colors = None if plain else loaded.colors(mesh.base_faces, mesh.barycentric, threads)
         if exported:
-            _export(output, mesh, None)
+            _export(output, mesh, colors)
         else:
-            write_mesh(output, mesh.vertices, mesh.faces)
+            write_mesh(output, mesh.vertices, mesh.faces, colors)
         statistics = {**mesh.statistics, "self_intersections": counting.result()}
     stages = statistics.pop("seconds")
     report = {
@@ -60,6 +64,7 @@ def command(asset: Path, output: Path, edge_length: float | None) -> Result:
         "faces": len(mesh.faces),
         "edge_length": mesh.edge_length,
         **statistics,
+        "colored": colors is not None,
         "seconds": time.perf_counter() - start,  # reading and writing included
         "seconds_by_stage": stages,
     }

@@ -53,6 +53,8 @@ class FitConfig(BaseModel):
         description="CSV file with rows px,py,pz,qx,qy,qz in input units: a point near the base mesh and its target",
     )
 
+    colors: bool = Field(default=False, description="also learn the input's colours, as the field `color`")
+
     hidden_width: int = Field(default=64, ge=4, le=1024, description="units of each hidden layer (Sec. 3.3)")
     hidden_layers: int = Field(default=2, ge=1, le=8, description="hidden layers of each network (Sec. 3.3)")
     encoding_levels: int = Field(default=8, ge=0, le=16, description="octaves of the periodic encoding (Sec. 3.3)")

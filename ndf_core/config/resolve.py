@@ -90,6 +90,21 @@ def resolve_representation(spec: RepresentationSpec, options: Mapping[str, Any])
     return resolved.config
 
 
+def resolve_options(
+    model: type[Model], given: Mapping[str, Any], spell: Callable[[str], str] = str, name: str = "command line"
+) -> Model:
+    """A config of its own, from one layer over its defaults.
+
+    Raises:
+        ConfigError: one line for every option that is wrong.
+    """
+    errors: list[str] = []
+    resolved = _resolve(model, [Layer(name, given, spell)], errors)
+    if resolved is None or errors:
+        raise _wrong(errors)
+    return resolved.config
+
+
 def fit_layers(
     spec: RepresentationSpec | None,
     given: Given,

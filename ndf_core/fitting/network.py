@@ -152,7 +152,7 @@ def interpolate(
     return (values[corners] * barycentric[..., None]).sum(dim=-2)
 
 
-def apply_network(layers: list[tuple[Tensor, Tensor]], inputs: Float[Tensor, "*n i"]) -> Float[Tensor, "*n 3"]:
+def apply_network(layers: list[tuple[Tensor, Tensor]], inputs: Float[Tensor, "*n i"]) -> Float[Tensor, "*n o"]:
     """Fully connected layers with ReLU between them. The readable reference of `step.FusedStep`. Differentiable."""
     for index, (weight, bias) in enumerate(layers):
         inputs = torch.nn.functional.linear(inputs, weight, bias)

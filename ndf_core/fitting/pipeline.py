@@ -30,6 +30,7 @@ from ndf_core.fitting.checkpoint import (
     read_checkpoint,
     write_checkpoint,
 )
+from ndf_core.fitting.colors import colors_of, learn_colors
 from ndf_core.fitting.geometry import BaseGeometry
 from ndf_core.fitting.identity import initial_parameters
 from ndf_core.fitting.measure import Accuracy, measure
@@ -142,6 +143,8 @@ class _Run:
         self._clock = _Clock(observer)
         self._remarks: tuple[Remark, ...] = ()
         self._pairs = _anchor_pairs(config)
+        self._colors = colors_of(surface) if config.colors else None
+        self._color_report: dict[str, Any] | None = None
 
     def run(self, resume: bool) -> FitResult:
         config, clock = self._config, self._clock
@@ -167,6 +170,10 @@ class _Run:
         with clock.stage("measure"):
             accuracy = self._measure(Asset(content))
         asset = Asset(replace(content, provenance=self._provenance(accuracy, trainer)))
+        if self._colors is not None:
+            with clock.stage("colors"):
+                learned = learn_colors(asset, self._colors, config.seed, self._threads)
+            asset, self._color_report = learned.asset, learned.report
         with clock.stage("write"):
             size = self._write(asset)
         return FitResult(asset, self._report(base, trainer, accuracy, size))
@@ -288,6 +295,7 @@ class _Run:
             "error": accuracy.as_dict(),
             "device": self._device.type,
             "threads": self._threads,
+            **({"colors": self._color_report} if self._color_report else {}),
         }
 
 

@@ -16,7 +16,7 @@ from ndf_core.plugins.guard import ForeignFailure, guarded, one_line
 from ndf_core.plugins.source import check_source
 
 if TYPE_CHECKING:  # interfaces imports torch, which `ndf plugins --check` must survive without
-    from ndf_core.interfaces import Surface
+    from ndf_core.interfaces import ColoredPoints, Surface
 
 
 def opener(spec: RepresentationSpec) -> Any:
@@ -57,7 +57,17 @@ def open_surface(spec: RepresentationSpec, source: str | Path | object, config: 
         raise InputError(f"{shown}: too large for this machine's memory") from error
     except (Exception, SystemExit) as error:
         raise PluginError(f"--repr {spec.name}: the plugin failed on {shown}: {one_line(error)}") from error
-    return _checked(surface, spec)
+    checked = _checked(surface, spec)
+    return checked if checked.colors else replace(checked, colors=lambda: _file_colors(source))
+
+
+def _file_colors(source: str | Path | object) -> ColoredPoints | None:
+    """The colours at the vertices of a file, for representations that say nothing of their own."""
+    from ndf_core.interfaces import ColoredPoints
+    from ndf_core.readers.colors import read_vertex_colors
+
+    found = read_vertex_colors(source)
+    return None if found is None else ColoredPoints(*found)
 
 
 def _checked(surface: object, spec: RepresentationSpec) -> Surface:

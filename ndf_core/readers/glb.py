@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ndf_core.readers.gltf_accessor import Buffer, accessor_count, read_accessor
+from ndf_core.readers.gltf_accessor import Buffer, accessor_count, accessor_shape, read_accessor
 from ndf_core.readers.gltf_scene import placed_meshes
 from ndf_core.readers.polygons import RawMesh, strip_triangles
 
@@ -31,6 +31,44 @@ def read_glb(data: bytes) -> RawMesh:
     Raises:
         ValueError: the file is not valid, or needs something that is not read here.
     """
+    buffer, surfaces, notes = _surfaces(data)
+    vertices, faces, offset = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
+    for primitive, matrix in surfaces:
+        points, triangles = _primitive(buffer, primitive)
+        # A transform that mirrors turns triangles over.
+        triangles = triangles[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else triangles
+        if len(triangles) and not (triangles.min() >= 0 and triangles.max() < len(points)):
+            raise ValueError("a triangle names a vertex that does not exist")
+        vertices.append(_placed(points, matrix))
+        faces.append(triangles + offset)
+        offset += len(points)
+    return RawMesh(np.concatenate(vertices), np.concatenate(faces), notes)
+
+
+def read_glb_colors(data: bytes) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]] | None:
+    """Vertices with colours, in the scene, and their colours; None where there are none.
+
+    Raises:
+        ValueError: the file is not valid.
+    """
+    buffer, surfaces, _ = _surfaces(data)
+    points, colors = list[Array](), list[Array]()
+    for primitive, matrix in surfaces:
+        index = primitive["attributes"].get("COLOR_0")
+        if index is None:
+            continue
+        shape = "VEC4" if accessor_shape(buffer, index) == "VEC4" else "VEC3"
+        here = read_accessor(buffer, primitive["attributes"]["POSITION"], "VEC3").astype(np.float64)
+        seen = read_accessor(buffer, index, shape).astype(np.float64)[:, :3]
+        if len(seen) != len(here):
+            raise ValueError("a mesh has another number of colours than of vertices")
+        points.append(_placed(here, matrix))
+        colors.append(seen)
+    return (np.concatenate(points), np.concatenate(colors)) if points else None
+
+
+def _surfaces(data: bytes) -> tuple[Buffer, list[tuple[dict[str, Any], Array]], tuple[str, ...]]:
+    """The primitives that have triangles, with their transforms, and a note on the others."""
     document, binary = _chunks(data)
     required = document.get("extensionsRequired", [])
     foreign = [name for name in required if not str(name).startswith(_UNDERSTOOD)]
@@ -45,18 +83,12 @@ def read_glb(data: bytes) -> RawMesh:
         (f"{len(placed) - len(surfaces)} sets of points or lines left out",) if len(surfaces) < len(placed) else ()
     )
     _check_total(buffer, [primitive for primitive, _ in surfaces], len(data))
-    vertices, faces, offset = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
-    for primitive, matrix in surfaces:
-        points, triangles = _primitive(buffer, primitive)
-        # A transform that mirrors turns triangles over.
-        triangles = triangles[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else triangles
-        if len(triangles) and not (triangles.min() >= 0 and triangles.max() < len(points)):
-            raise ValueError("a triangle names a vertex that does not exist")
-        with np.errstate(invalid="ignore"):  # infinite coordinates are refused later, with the vertex
-            vertices.append(points @ matrix[:3, :3].T + matrix[:3, 3])
-        faces.append(triangles + offset)
-        offset += len(points)
-    return RawMesh(np.concatenate(vertices), np.concatenate(faces), notes)
+    return buffer, surfaces, notes
+
+
+def _placed(points: Float[Array, "n 3"], matrix: Float[Array, "4 4"]) -> Float[Array, "n 3"]:
+    with np.errstate(invalid="ignore"):  # infinite coordinates are refused later, with the vertex
+        return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def _check_total(buffer: Buffer, primitives: list[dict[str, Any]], file_size: int) -> None:

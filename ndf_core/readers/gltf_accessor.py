@@ -8,7 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC3": 3}
+_WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 
 
 class Buffer:
@@ -48,6 +48,15 @@ def read_accessor(buffer: Buffer, index: object, shape: str) -> Array:
     if accessor.get("normalized") and kind.kind in "iu":
         return np.maximum(numbers / float(np.iinfo(kind).max), -1.0)
     return numbers
+
+
+def accessor_shape(buffer: Buffer, index: object) -> str:
+    """ "SCALAR", "VEC3", ... as the accessor says.
+
+    Raises:
+        ValueError: there is no such accessor.
+    """
+    return str(_entry(buffer.accessors, index, "accessor").get("type"))
 
 
 def accessor_count(buffer: Buffer, index: object) -> int:

@@ -20,19 +20,29 @@ def read_ply(data: bytes) -> RawMesh:
         ValueError: the file is not valid PLY, holds less than its header says, or has no faces.
     """
     tables = read_ply_tables(data)
-    corners, sizes = _lists(tables, "face")
-    strips, strip_sizes = _lists(tables, "tristrips")
-    if not len(sizes) and not len(strip_sizes):
+    faces, notes = triangles_of(tables)
+    if not len(faces):
         raise ValueError("there are no faces in it; it may be a point cloud or splats")
     vertex = tables.get("vertex", {})
     if not all(isinstance(vertex.get(axis), np.ndarray) for axis in "xyz"):
         raise ValueError("there are no vertices with x, y and z")
     vertices = np.stack([np.asarray(vertex[axis], dtype=np.float64) for axis in "xyz"], axis=1)
+    return RawMesh(vertices, faces, notes)
+
+
+def triangles_of(tables: dict[str, dict[str, Column]]) -> tuple[Int[Array, "f 3"], tuple[str, ...]]:
+    """The triangles of all polygons and strips, and notes.
+
+    Raises:
+        ValueError: a polygon has fewer than three corners, or an index is no whole number.
+    """
+    corners, sizes = _lists(tables, "face")
+    strips, strip_sizes = _lists(tables, "tristrips")
     faces, notes = fans(corners, sizes)
     pieces = (
         [strip_triangles(strip) for strip in np.split(strips, np.cumsum(strip_sizes)[:-1])] if len(strips) else []
     )
-    return RawMesh(vertices, np.concatenate([faces, *pieces]), notes)
+    return np.concatenate([faces, *pieces]), notes
 
 
 def _lists(tables: dict[str, dict[str, Column]], name: str) -> tuple[Int[Array, " n"], Int[Array, " p"]]:

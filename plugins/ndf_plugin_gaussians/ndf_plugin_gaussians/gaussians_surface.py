@@ -8,7 +8,7 @@ import numpy as np
 
 from ndf_core.base_mesh.coarsen import coarsen
 from ndf_core.errors import InputError
-from ndf_core.interfaces import BaseMesh, BaseMeshExtractor, Surface
+from ndf_core.interfaces import BaseMesh, BaseMeshExtractor, ColoredPoints, Surface
 from ndf_core.surfaces.fingerprint import fingerprint
 from ndf_core.surfaces.level_set_projector import LevelSetProjector
 from ndf_core.surfaces.random_lines import sample_level_set
@@ -76,6 +76,7 @@ def open_gaussians(source: str | Path | object, config: GaussiansConfig) -> Surf
         fingerprint=fingerprint("gaussians", config, content),
         training_defaults=TRAINING_DEFAULTS,
         sample=(lambda count, rng: sample_level_set(surface, count, rng)) if smooth else None,
+        colors=lambda: _colors(kept),
         notes=(*notes, *filtered, *solid.notes, *([invented] if layer.invented > 0 else [])),
     )
 
@@ -91,6 +92,12 @@ class MeshedSolidExtractor(BaseMeshExtractor):
         del seed
         boundary = self._boundary
         return coarsen(boundary.vertices, boundary.faces, max_faces, remarks=boundary.remarks)
+
+
+def _colors(splats: Splats) -> ColoredPoints | None:
+    """Colours of degree 0 at the centres of the opaque splats."""
+    opaque = splats.take(splats.opacities >= _OPAQUE)
+    return ColoredPoints(opaque.centres, np.clip(opaque.colours, 0.0, 1.0)) if len(opaque) else None
 
 
 def _pieces(splats: Splats, config: GaussiansConfig) -> tuple[Surfels, Grid]:
