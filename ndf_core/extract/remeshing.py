@@ -25,6 +25,9 @@ SHORT = 0.25
 """Vertices of edges shorter than this share of the limit are removed (Sec. 3.4)."""
 TOLERANCE = 0.01
 """Share of the limit by which a flip or a move may take the mesh farther from the surface."""
+DELAUNAY_SHARE = 0.985
+"""Of the exported edges; where the tolerance leaves fewer, larger ones follow."""
+DELAUNAY_TOLERANCES = (TOLERANCE, 0.02, 0.04, math.inf)
 FLIP_ROUNDS = 3
 """Times that edges are held, and tried again with their middles, in one pass of flips."""
 UNFOLD_ROUNDS = 4
@@ -58,7 +61,6 @@ class Remeshing:
         self._threads = threads
         self.seconds = {"map": 0.0, "split": 0.0, "flip": 0.0, "remove": 0.0, "move": 0.0, "sort": 0.0}
         self.unsplit_edges = 0
-        self._tolerance = math.inf
         used = np.unique(content.faces)
         faces = np.searchsorted(used, content.faces).astype(np.int32)
         check = check_mesh(faces, len(used))
@@ -82,15 +84,15 @@ class Remeshing:
             ExtractionError: this would take more than `MAX_VERTICES` vertices.
         """
         self._refuse_too_fine(limit)
-        self._tolerance = TOLERANCE * limit
+        tolerance = TOLERANCE * limit
         self._split(limit)
         with self._stage("remove"):
             self._kernel.remove_short_edges(SHORT * limit)
-        self._flip(FlipAim.LOWER_ENERGY, limit)
-        self._move(math.inf, self._tolerance)
-        self._flip(FlipAim.LOWER_ENERGY, limit)
+        self._flip(FlipAim.LOWER_ENERGY, limit, tolerance)
+        self._move(math.inf, tolerance)
+        self._flip(FlipAim.LOWER_ENERGY, limit, tolerance)
         self._split(limit)
-        self._flip(FlipAim.DELAUNAY, limit)
+        self._flip_to_delaunay(limit)
         self._unfold(limit)
         with self._stage("split"):
             longer, unsplit = self._kernel.find_long_edges(limit)
@@ -126,13 +128,15 @@ class Remeshing:
                 self._refuse_too_fine(limit)
             stalled = stalled or (rounds > STEADY_ROUNDS and count > STALLED * before)
             before = count
-            self._flip(FlipAim.SPREAD if stalled else FlipAim.LOWER_ENERGY, step)
+            if stalled:
+                self._flip(FlipAim.SPREAD, step)
+            else:
+                self._flip(FlipAim.LOWER_ENERGY, step, TOLERANCE * limit)
 
-    def _flip(self, aim: FlipAim, limit: float) -> int:
-        """Flip edges, those that would move the surface only where the map says that they may."""
-        exact = aim in (FlipAim.LOWER_ENERGY, FlipAim.DELAUNAY)
+    def _flip(self, aim: FlipAim, limit: float, tolerance: float = math.inf) -> int:
+        """Flip edges, those that would move the surface by more than `tolerance` only where the map says they may."""
         with self._stage("flip"):
-            flips, middles = self._kernel.flip(aim, limit, self._tolerance if exact else math.inf)
+            flips, middles = self._kernel.flip(aim, limit, tolerance)
         for _ in range(FLIP_ROUNDS):
             if not len(middles.faces):
                 break
@@ -141,6 +145,14 @@ class Remeshing:
                 more, middles = self._kernel.flip_held(mapped)
             flips += more
         return flips
+
+    def _flip_to_delaunay(self, limit: float) -> None:
+        """Flip with as small a tolerance as leaves enough edges Delaunay."""
+        for tolerance in DELAUNAY_TOLERANCES:
+            self._flip(FlipAim.DELAUNAY, limit, tolerance * limit)
+            with self._stage("flip"):
+                if self._kernel.delaunay_share() >= DELAUNAY_SHARE:
+                    return
 
     def _unfold(self, limit: float) -> None:
         """Flip edges and move vertices where faces lie folded over each other."""

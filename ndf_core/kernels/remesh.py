@@ -139,6 +139,10 @@ class RemeshKernel:
         flips, count = _remesh.flip(self._state, int(aim), limit, tolerance)
         return flips, self._places(count)
 
+    def delaunay_share(self) -> float:
+        """Of the inner edges, by their opposite angles in space."""
+        return _remesh.delaunay(self._state)
+
     def flip_held(self, mapped: Float[Array, "n 3"]) -> tuple[int, BasePoints]:
         """Flip edges held whose replacements are no farther from the surface, but for the tolerance; as `flip`."""
         flips, count = _remesh.flip_held(self._state, np.ascontiguousarray(mapped, dtype=np.float64))

@@ -29,6 +29,25 @@ static int keeps_smooth(const Triangulation *mesh, int32_t h, const Shape *left,
     return gain > 0 ? sharper >= sharpest + gain : sharper >= fmin(sharpest, CREASE);
 }
 
+/* Share of the inner edges whose opposite angles in space add up to pi at most. */
+static double delaunay_share(const Triangulation *mesh)
+{
+    int32_t edges = 0, delaunay = 0;
+    for (int32_t h = 0; h < 3 * mesh->faces; h++) {
+        int32_t g = mesh->twin[h];
+        if (!is_edge(mesh, h) || g < 0) continue;
+        const double *a = mapped_at(mesh, mesh->corner[h]), *b = mapped_at(mesh, mesh->corner[g]);
+        const double *c = mapped_at(mesh, mesh->corner[previous(h)]), *d = mapped_at(mesh, mesh->corner[previous(g)]);
+        double along = squared_distance(a, b);
+        double at_c = squared_distance(c, a) + squared_distance(c, b) - along;
+        double at_d = squared_distance(d, a) + squared_distance(d, b) - along;
+        edges++;
+        delaunay += (at_c >= 0 && at_d >= 0)
+            || at_c * shape_of(b, a, d).area + at_d * shape_of(a, b, c).area >= 0;
+    }
+    return edges ? (double)delaunay / edges : 1;
+}
+
 static int has_long_edge(const Triangulation *mesh, int32_t face, double limit)
 {
     for (int i = 0; i < 3; i++)

@@ -219,6 +219,18 @@ static PyObject *flip_all(PyObject *self, PyObject *args)
     return flips < 0 ? PyErr_NoMemory() : Py_BuildValue("Li", (long long)flips, state->places.count);
 }
 
+/* delaunay(state) -> share of the inner edges */
+static PyObject *delaunay(PyObject *self, PyObject *capsule)
+{
+    State *state = state_of(capsule);
+    double share;
+    if (!state) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    share = delaunay_share(&state->mesh);
+    Py_END_ALLOW_THREADS
+    return PyFloat_FromDouble(share);
+}
+
 /* sort(state): in memory as on the surface; no slot stays free */
 static PyObject *sort(PyObject *self, PyObject *capsule)
 {
@@ -318,6 +330,7 @@ static PyMethodDef methods[] = {
     {"remove_short", remove_short, METH_VARARGS, "remove_short(state, limit) -> removed"},
     {"flip", flip_all, METH_VARARGS, "flip(state, criterion, limit, tolerance) -> (flips, places)"},
     {"flip_held", flip_held, METH_VARARGS, "flip_held(state, mapped) -> (flips, places)"},
+    {"delaunay", delaunay, METH_O, "delaunay(state) -> share of the inner edges"},
     {"sort", sort, METH_O, "sort(state)"},
     {"export", export_arrays, METH_VARARGS, "export(state, faces, point_faces, weights, mapped)"},
     {"edges", edges, METH_VARARGS, "edges(state, twins, homes, vectors)"},
