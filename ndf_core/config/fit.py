@@ -69,6 +69,12 @@ class FitConfig(BaseModel):
     sampling: Literal["stratified", "rejection"] = Field(
         "stratified", description="how base points are drawn in proportion to |det J|: per face, or point by point"
     )
+    importance: float = Field(
+        default=0.95,
+        ge=0,
+        lt=1,
+        description="share of stratified samples drawn in proportion to the error of their face; 0 draws all evenly",
+    )
     resample_every: int = Field(default=1, ge=1, le=100_000, description="steps that a set of samples is kept")
     projection_visits: int = Field(
         default=1,

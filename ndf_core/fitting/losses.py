@@ -47,9 +47,9 @@ def optional_gradient(
     if weights.normal or weights.conformality:
         mapped = mapped_frame(live, geometry, base.face, base.barycentric)
         sides = None if normals is None else (mapped.frame.normal.detach() * normals).sum(1).sign()
-        terms = weights.conformality * conformality_loss(mapped, sides)
+        terms = weights.conformality * conformality_loss(mapped, sides, base.weight)
         if normals is not None:
-            terms = terms + weights.normal * normal_loss(mapped, normals)
+            terms = terms + weights.normal * normal_loss(mapped, normals, base.weight)
         total = terms if total is None else total + terms
     return None if total is None else torch.autograd.grad(total, flat)[0]
 
@@ -61,13 +61,17 @@ def anchor_loss(parameters: Parameters, anchors: Anchors) -> Float[Tensor, ""]:
     return (displace(parameters, batch.positions, features) - anchors.targets).square().sum()
 
 
-def normal_loss(mapped: MappedFrame, normals: Float[Tensor, "n 3"]) -> Float[Tensor, ""]:
+def normal_loss(
+    mapped: MappedFrame, normals: Float[Tensor, "n 3"], weight: Float[Tensor, " n"] | None = None
+) -> Float[Tensor, ""]:
     """Mean of |n_theta - n_surface|^2 (App. D.2); rows without a surface normal (zero) add nothing."""
     known = normals.any(dim=1)
-    return ((mapped.frame.normal - normals).square().sum(1) * known).mean()
+    return _mean((mapped.frame.normal - normals).square().sum(1) * known, weight)
 
 
-def conformality_loss(mapped: MappedFrame, sides: Float[Tensor, " n"] | None) -> Float[Tensor, ""]:
+def conformality_loss(
+    mapped: MappedFrame, sides: Float[Tensor, " n"] | None, weight: Float[Tensor, " n"] | None = None
+) -> Float[Tensor, ""]:
     """Mean of softplus_10(-det J / tr J^T J) (App. D.3).
 
     det J_f is never negative in the frame built from J itself, so its sign is taken from `sides`: that of
@@ -75,4 +79,8 @@ def conformality_loss(mapped: MappedFrame, sides: Float[Tensor, " n"] | None) ->
     """
     determinant = mapped.area_ratio if sides is None else mapped.area_ratio * sides
     trace = mapped.jacobian.square().sum((1, 2))
-    return torch.nn.functional.softplus(-determinant / trace.clamp_min(1e-30), beta=10).mean()
+    return _mean(torch.nn.functional.softplus(-determinant / trace.clamp_min(1e-30), beta=10), weight)
+
+
+def _mean(values: Float[Tensor, " n"], weight: Float[Tensor, " n"] | None) -> Float[Tensor, ""]:
+    return values.mean() if weight is None else (values * weight).mean()

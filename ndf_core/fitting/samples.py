@@ -28,6 +28,8 @@ class Samples:
         `planes` are projections of the batch with normals; without them every step projects anew.
         """
         self.base = base
+        self.pulls = len(targets)
+        """How many rows at the end are pulls."""
         self._targets = targets
         self._planes = planes
 
@@ -36,10 +38,10 @@ class Samples:
     ) -> tuple[BoxProjection, bool]:
         """Where the mapped points of `rows` go, and whether `projector` was asked for them."""
         projection, asked = self._projected(rows, mapped, projector)
-        pulls = len(self.base.face) - len(self._targets)
-        if rows.stop > pulls:
-            start = max(rows.start, pulls)
-            projection.points[start - rows.start :] = self._targets[start - pulls : rows.stop - pulls]
+        drawn = len(self.base.face) - self.pulls
+        if rows.stop > drawn:
+            start = max(rows.start, drawn)
+            projection.points[start - rows.start :] = self._targets[start - drawn : rows.stop - drawn]
         return projection, asked
 
     def _projected(

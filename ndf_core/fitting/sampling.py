@@ -33,6 +33,8 @@ class BasePoints:
     def __init__(self, geometry: BaseGeometry, face: Int[Tensor, " n"], barycentric: Float[Tensor, "n 3"]) -> None:
         self.face = face
         self.barycentric = barycentric
+        self.weight: Float[Tensor, " n"] | None = None
+        """How much each point counts in a mean over the mapped surface; None where all count the same."""
         self.batch = Batch(geometry.faces[face], barycentric, geometry.positions(face, barycentric))
 
     def rows(self, start: int, end: int) -> BasePoints:
@@ -41,6 +43,7 @@ class BasePoints:
             return self
         part = copy.copy(self)
         part.face, part.barycentric = self.face[start:end], self.barycentric[start:end]
+        part.weight = None if self.weight is None else self.weight[start:end]
         part.batch = Batch(*(tensor[start:end] for tensor in self.batch))
         return part
 
@@ -55,27 +58,41 @@ def base_points_at(geometry: BaseGeometry, face: Int[Array, " n"], barycentric: 
     )
 
 
-def joined(geometry: BaseGeometry, *parts: BasePoints) -> BasePoints:
+def joined(*parts: BasePoints) -> BasePoints:
     """The rows of all parts, in order."""
     parts = tuple(part for part in parts if len(part.face)) or parts[:1]
     if len(parts) == 1:
         return parts[0]
-    face, barycentric = torch.cat([part.face for part in parts]), torch.cat([part.barycentric for part in parts])
-    return BasePoints(geometry, face, barycentric)
+    whole = copy.copy(parts[0])
+    whole.face = torch.cat([part.face for part in parts])
+    whole.barycentric = torch.cat([part.barycentric for part in parts])
+    whole.batch = Batch(*(torch.cat(tensors) for tensors in zip(*(part.batch for part in parts), strict=True)))
+    if any(part.weight is not None for part in parts):
+        ones = [torch.ones_like(part.barycentric[:, 0]) if part.weight is None else part.weight for part in parts]
+        whole.weight = torch.cat(ones)
+    return whole
 
 
 def stratified(
-    geometry: BaseGeometry, density: Float[Tensor, " f"], count: int, generator: torch.Generator
+    geometry: BaseGeometry,
+    areas: Float[Tensor, " f"],
+    count: int,
+    generator: torch.Generator,
+    density: Float[Tensor, " f"] | None = None,
 ) -> BasePoints:
-    """`count` base points; a face gets the floor or the ceiling of its share of `density` (systematic sampling).
+    """`count` base points; a face gets the floor or the ceiling of its share of `areas` (systematic sampling).
+
+    Where `density` is given, faces are sampled that much more densely, and their points weigh so much less.
 
     One random offset for all ticks makes that so; with one for each, a face could miss its share by almost two. The
     points come sorted by face, which keeps the gather of vertex features in cache.
     """
-    cumulative = torch.cumsum(density.double().cpu(), 0)
+    cumulative = torch.cumsum((areas if density is None else areas * density).double().cpu(), 0)
     ticks = (torch.arange(count) + torch.rand(1, generator=generator, dtype=torch.float64)) / count
-    face = torch.searchsorted(cumulative, ticks * cumulative[-1]).clamp_max(len(density) - 1)
-    return BasePoints(geometry, face.to(geometry.device), _barycentric(count, generator).to(geometry.device))
+    face = torch.searchsorted(cumulative, ticks * cumulative[-1]).clamp_max(len(areas) - 1).to(geometry.device)
+    base = BasePoints(geometry, face, _barycentric(count, generator).to(geometry.device))
+    base.weight = None if density is None else 1 / density[face]
+    return base
 
 
 def by_rejection(

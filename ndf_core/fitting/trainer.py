@@ -15,6 +15,7 @@ from ndf_core.config.fit import FitConfig
 from ndf_core.errors import FitError
 from ndf_core.fitting.coverage import Coverage
 from ndf_core.fitting.geometry import BaseGeometry, mapped_frame
+from ndf_core.fitting.importance import FaceErrors
 from ndf_core.fitting.interrupts import held_interrupts
 from ndf_core.fitting.losses import Anchors, optional_gradient
 from ndf_core.fitting.network import Parameters, displace, interpolate
@@ -25,8 +26,8 @@ from ndf_core.fitting.samples import Samples
 from ndf_core.fitting.sampling import BasePoints, by_rejection, generator_at, joined, mapped_areas, stratified
 from ndf_core.fitting.step import FusedStep, tile_size
 
-_DENSITY_STEPS = 50
-"""Steps between updates of the sampling density; the mapped areas settle within the first few."""
+_AREA_STEPS = 50
+"""Steps between updates of the mapped areas; they settle within the first few."""
 _REPORT_SECONDS = 0.5
 
 
@@ -72,8 +73,12 @@ class Trainer:
         self.anchors = anchors
         self._optimizer = Optimizer(parameters, config)
         self._coverage = Coverage(geometry, projector, config, threads)
-        self._density = geometry.areas
-        self._density_due = _DENSITY_STEPS
+        self._areas = geometry.areas
+        self._areas_due = _AREA_STEPS
+        self._errors = FaceErrors(len(geometry.faces), geometry.device)
+        self.squared = torch.zeros(config.batch, device=geometry.device)
+        """Squared distances from the surface of this step's samples; workers fill in their rows."""
+        self.known = torch.zeros(config.batch, dtype=torch.bool, device=geometry.device)
         # One worker per thread, each with whole torch operations on its own rows: unlike threads inside an operation
         # these do not wait for each other forty times a step, which is what hurts on a busy machine.
         workers = threads if torch.device(geometry.device).type == "cpu" else 1
@@ -87,8 +92,9 @@ class Trainer:
         """Tensors of a checkpoint."""
         return {
             "parameters": self.parameters.flat,
-            "density": self._density,
-            "counts": torch.tensor([self.step_count, self.projected, self.converged, self.pulled, self._density_due]),
+            "areas": self._areas,
+            "counts": torch.tensor([self.step_count, self.projected, self.converged, self.pulled, self._areas_due]),
+            **self._errors.state,
             **self._coverage.state,
             **self._optimizer.state,
         }
@@ -96,9 +102,10 @@ class Trainer:
     def load_state(self, state: dict[str, Tensor]) -> None:
         """Go on from a checkpoint of the same run."""
         self.parameters.flat.copy_(state["parameters"])
-        self._density = state["density"].to(self.geometry.device)
+        self._areas = state["areas"].to(self.geometry.device)
         counts = (int(n) for n in state["counts"])
-        self.step_count, self.projected, self.converged, self.pulled, self._density_due = counts
+        self.step_count, self.projected, self.converged, self.pulled, self._areas_due = counts
+        self._errors.load_state(state)
         self._coverage.load_state(state)
         self._optimizer.load_state(state)
 
@@ -141,6 +148,8 @@ class Trainer:
             sums.add(part)
             self.projected += part.projected
             self.converged += part.converged
+        drawn = len(samples.base.face) - samples.pulls
+        self._errors.add(samples.base.face[:drawn], self.squared[:drawn], self.known[:drawn])
         gradient = self._workers[0].gradient
         for worker in self._workers[1:]:
             gradient.flat.add_(worker.gradient.flat)
@@ -165,7 +174,7 @@ class Trainer:
         return self._kept[self.step_count // config.resample_every % visits]
 
     def _with_planes(self, drawn: list[tuple[BasePoints, Tensor]]) -> list[Samples]:
-        base = joined(self.geometry, *(points for points, _ in drawn))
+        base = joined(*(points for points, _ in drawn))
         features = interpolate(self.parameters.features, base.batch.corners, base.barycentric)
         found = self.project(base, displace(self.parameters, base.batch.positions, features))
         if found.normals is None:
@@ -194,13 +203,14 @@ class Trainer:
         if config.sampling == "rejection":
             base = by_rejection(self.geometry, self.parameters, count, generator)
         else:
-            if self.step_count >= self._density_due:
-                self._density = mapped_areas(self.geometry, self.parameters)
-                self._density_due = self.step_count + _DENSITY_STEPS
-            base = stratified(self.geometry, self._density, count, generator)
+            if self.step_count >= self._areas_due:
+                self._areas = mapped_areas(self.geometry, self.parameters)
+                self._areas_due = self.step_count + _AREA_STEPS
+            density = self._errors.density(self._areas, config.importance) if config.importance else None
+            base = stratified(self.geometry, self._areas, count, generator, density)
         pulls = self._coverage.draw(generator)
         self.pulled += config.batch - count
-        return joined(self.geometry, base, pulls.base), pulls.targets
+        return joined(base, pulls.base), pulls.targets
 
     def _check_finite(self, sums: Progress) -> None:
         finite = sums.residual < float("inf") and sums.cycle < float("inf")
@@ -273,7 +283,12 @@ class _Worker:
             sums.projected += count
             sums.converged += int(projection.converged.sum())
         residual = mapped - projection.points
-        sums.residual += float(residual.square().sum()) / trainer.config.batch
+        squared = residual.square().sum(1)
+        trainer.squared[rows], trainer.known[rows] = squared, projection.converged
+        if base.weight is not None:
+            squared = squared * base.weight
+            residual.mul_(base.weight[:, None])
+        sums.residual += float(squared.sum()) / trainer.config.batch
         residual.mul_(2.0 * weights.projection / trainer.config.batch)
         cycle = fused.backward(parameters, base.batch, residual, share * weights.cycle, trainer.step_count)
         sums.cycle += share * float(cycle)

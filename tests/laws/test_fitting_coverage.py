@@ -160,7 +160,7 @@ class TestPulls:
         first = stratified(geometry, geometry.areas, 150, generator_at(0, 1))
         last = stratified(geometry, geometry.areas, 50, generator_at(0, 2))
         targets = last.batch.positions + 0.3
-        base = joined(geometry, first, last)
+        base = joined(first, last)
         worker = run._workers[0]  # pyright: ignore[reportPrivateUsage]
         worker.gradient_of(Samples(base, targets))
         live = Parameters(shape, run.parameters.flat.clone().requires_grad_())

@@ -82,7 +82,7 @@ class TestRowsThatDoNotConverge:
     def test_left_out_as_if_they_had_no_residual(self, fault: Callable[..., Projection]) -> None:
         """Nonsense, NaN or a projection where the point is already: the same parameters, to the last bit."""
         found, expected = (
-            flat_after(trainer(Altered(SphereProjector(), change), steps=20), 20)
+            flat_after(trainer(Altered(SphereProjector(), change), steps=20, importance=0.0), 20)
             for change in (fault, upper_half_stays)
         )
         assert bool(torch.isfinite(found).all())
@@ -115,7 +115,7 @@ class TestGivingUp:
 
     def test_a_loss_that_is_not_finite(self) -> None:
         run = trainer(Altered(SphereProjector(), overflows), steps=100)
-        with pytest.raises(FitError, match=r"the loss is not finite at step \d+ \(projection inf.*--learning-rate"):
+        with pytest.raises(FitError, match=r"the loss is not finite at step \d+ \(projection (inf|nan).*--learning-rate"):
             run.run(100, lambda: None)
         assert run.step_count <= 64
 
