@@ -41,7 +41,7 @@ class FitConfig(BaseModel):
     feature_dim: int = Field(
         default=16, ge=0, le=256, description="dimension d of the per-vertex features (Sec. 3.3)"
     )
-    steps: int = Field(default=2000, ge=0, le=10_000_000, description="training steps after the initialisation")
+    steps: int = Field(default=1600, ge=0, le=10_000_000, description="training steps after the initialisation")
     seed: int = Field(default=0, ge=0, lt=2**63, description="seed of everything random")
     device: Literal["auto", "cpu", "cuda"] = Field("auto", description="where the networks are trained")
     threads: int = Field(
