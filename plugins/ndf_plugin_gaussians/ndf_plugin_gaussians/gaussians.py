@@ -11,8 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from ndf_core.api import RepresentationSpec, Sniff, hookimpl
 from ndf_plugin_gaussians.detect import NAMES, SUFFIXES, look
 
-TRAINING_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e5, "projection": 1e4}, "projection_visits": 4}
-"""Table 3. A projection costs some ten times a training step per point, so each serves for four."""
+TRAINING_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e5, "projection": 1e4}}
+"""Table 3, for the paper's projection: closest centres jump, and a strong cycle loss evens that out."""
+SMOOTH_TRAINING_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e4, "projection": 1e4}, "projection_visits": 4}
+"""For the smooth one, which needs less of that. It costs some ten times a training step per point, so each projection
+serves for four."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Side = Literal["auto", "none", "-x", "+x", "-y", "+y", "-z", "+z"]
@@ -51,7 +54,12 @@ class GaussiansConfig(BaseModel):
     min_component: float = Field(
         0.02, ge=0, le=1, description="components with a smaller share of the largest one's volume are left out"
     )
-    resolution: int = Field(192, ge=32, le=512, description="cells of the grid along the longest side")
+    resolution: int | None = Field(
+        default=None,
+        ge=32,
+        le=512,
+        description="cells of the grid along the longest side; none: as wide as the centres are apart, 48 to 192",
+    )
     base_mesh: Literal["density", "dilation"] = Field(
         "density", description="what is solid: where the splats are opaque, or what is near to a centre"
     )

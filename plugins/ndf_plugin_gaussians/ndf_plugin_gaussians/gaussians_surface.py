@@ -9,13 +9,14 @@ import numpy as np
 from ndf_core.base_mesh.coarsen import coarsen
 from ndf_core.errors import InputError
 from ndf_core.interfaces import BaseMesh, BaseMeshExtractor, ColoredPoints, Surface
+from ndf_core.surfaces.dilation import sampling_spacing
 from ndf_core.surfaces.fingerprint import fingerprint
 from ndf_core.surfaces.level_set_projector import LevelSetProjector
 from ndf_core.surfaces.random_lines import sample_level_set
 from ndf_plugin_gaussians.centre_projector import CentreProjector
 from ndf_plugin_gaussians.dilated import dilated_solid
-from ndf_plugin_gaussians.filtering import filter_splats
-from ndf_plugin_gaussians.gaussians import TRAINING_DEFAULTS, GaussiansConfig
+from ndf_plugin_gaussians.filtering import FEWEST, filter_splats
+from ndf_plugin_gaussians.gaussians import SMOOTH_TRAINING_DEFAULTS, TRAINING_DEFAULTS, GaussiansConfig
 from ndf_plugin_gaussians.grid import Grid
 from ndf_plugin_gaussians.height_field import HeightField
 from ndf_plugin_gaussians.heights import heights, middle_level
@@ -32,6 +33,10 @@ _CORRECTIONS = 1
 """Steps of a projection towards the closest point: heights are nearly distances."""
 _LAYER = 0.75
 """Width of the cells that visible pieces are merged in, in cells of the grid."""
+_COARSEST, _FINEST = 48, 192
+"""Cells along the longest side, where no number is given."""
+_CELL = 1.25
+"""Width of a cell then, in distances of opaque centres from their sixth neighbour."""
 _TAIL = 5e-4
 """Share of the pieces at either end of an axis that may lie beyond the grid."""
 
@@ -74,7 +79,7 @@ def open_gaussians(source: str | Path | object, config: GaussiansConfig) -> Surf
         base_mesh=MeshedSolidExtractor(base),
         projector=LevelSetProjector(surface, _CORRECTIONS) if smooth else CentreProjector(kept.centres),
         fingerprint=fingerprint("gaussians", config, content),
-        training_defaults=TRAINING_DEFAULTS,
+        training_defaults=SMOOTH_TRAINING_DEFAULTS if smooth else TRAINING_DEFAULTS,
         sample=(lambda count, rng: sample_level_set(surface, count, rng)) if smooth else None,
         colors=lambda: _colors(kept),
         notes=(*notes, *filtered, *solid.notes, *([invented] if layer.invented > 0 else [])),
@@ -102,9 +107,17 @@ def _colors(splats: Splats) -> ColoredPoints | None:
 
 def _pieces(splats: Splats, config: GaussiansConfig) -> tuple[Surfels, Grid]:
     """Pieces no wider than a cell of the grid, and the grid around nearly all of them."""
-    spacing = float(np.ptp(splats.centres, axis=0).max()) / config.resolution
-    surfels = cut(splats, spacing, config.min_opacity)
+    size = float(np.ptp(splats.centres, axis=0).max())
+    resolution = config.resolution or _resolution(splats, size)
+    surfels = cut(splats, size / resolution, config.min_opacity)
     low, high = np.quantile(surfels.points, [_TAIL, 1 - _TAIL], axis=0)
-    grid = Grid.around(np.stack([low, high]), config.resolution)
+    grid = Grid.around(np.stack([low, high]), resolution)
     within = ((surfels.points > grid.bounds[0]) & (surfels.points < grid.bounds[1])).all(axis=1)
     return surfels.take(within), grid
+
+
+def _resolution(splats: Splats, size: float) -> int:
+    """Cells as wide as what the splats show: finer ones would show the splats themselves."""
+    opaque = splats.opacities >= _OPAQUE
+    spacing = float(np.median(sampling_spacing(splats.centres[opaque] if opaque.sum() > FEWEST else splats.centres)))
+    return int(np.clip(size / max(_CELL * spacing, size / _FINEST), _COARSEST, _FINEST))

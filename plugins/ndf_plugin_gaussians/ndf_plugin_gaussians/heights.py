@@ -13,6 +13,9 @@ from ndf_plugin_gaussians.moving_planes import MovingPlanes
 
 _REACH = 4.5
 """Nodes deeper below the solid's boundary, in cells, are inside for certain."""
+_SLACK = 1.5
+"""Cells that heights may differ from the depth below the solid's boundary: a plane goes on beyond an edge, and the
+boundary does not."""
 _FAIRING = 0.4
 """Standard deviation in cells that the heights are smoothed with."""
 _NEAR = 1.5
@@ -42,7 +45,10 @@ def heights(
     points = grid.nodes(nodes)
     distance, guide = boundary.closest(points)
     height, _, known = planes.at(points, guide)
-    field[tuple(nodes.T)] = np.where(known, height, depth - distance)
+    # How deep they really lie: the border of a thick or faint skin is elsewhere.
+    shell = float(np.median(boundary.closest(planes.layer.points)[0])) - distance
+    slack = _SLACK * grid.step
+    field[tuple(nodes.T)] = np.where(known, np.clip(height, shell - slack, shell + slack), shell)
     return ndimage.gaussian_filter(field, _FAIRING, mode="nearest")
 
 
