@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ndf_core.api import RepresentationSpec, Sniff, hookimpl
-from ndf_plugin_sdf.defaults import ANALYTIC_TRAINING_DEFAULTS, API_VERSION
+from ndf_plugin_sdf.defaults import API_VERSION, COSTLY_TRAINING_DEFAULTS
 
 _CALLABLE = re.compile(r"(?:[A-Za-z_][\w.]*|.+\.py):[A-Za-z_][\w.]*")
 _MOST_BYTES = 4 << 20
@@ -62,7 +62,7 @@ def ndf_representation() -> RepresentationSpec:
         open="ndf_plugin_sdf.analytic_surface:open_analytic",
         api_version=API_VERSION,
         support="full",
-        training_defaults=ANALYTIC_TRAINING_DEFAULTS,
+        training_defaults=COSTLY_TRAINING_DEFAULTS,
         suffixes=(".toml", ".json"),
         sniff=sniff,
     )

@@ -20,7 +20,7 @@ from ndf_plugin_sdf.analytic import AnalyticConfig, names_callable
 from ndf_plugin_sdf.callable_field import CallableField
 from ndf_plugin_sdf.containment import check_contained
 from ndf_plugin_sdf.csg.tree import parse_tree, read_tree
-from ndf_plugin_sdf.defaults import ANALYTIC_TRAINING_DEFAULTS
+from ndf_plugin_sdf.defaults import COSTLY_TRAINING_DEFAULTS
 from ndf_plugin_sdf.tree_field import TreeField
 from ndf_plugin_sdf.user_function import find, probe
 
@@ -78,7 +78,7 @@ def _surface(field: ImplicitField, config: AnalyticConfig, content: list[Any], n
         resolution=config.resolution,
         corrections=config.corrections,
         fingerprint=fingerprint("analytic", config, content),
-        training_defaults=ANALYTIC_TRAINING_DEFAULTS,
+        training_defaults=COSTLY_TRAINING_DEFAULTS,
         notes=notes,
     )
 

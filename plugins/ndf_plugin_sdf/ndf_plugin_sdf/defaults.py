@@ -11,5 +11,6 @@ API_VERSION = 1
 TRAINING_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e2, "projection": 1e4}}
 """Table 3: meshes treated as SDFs; the same weights are ours for analytic fields."""
 
-ANALYTIC_TRAINING_DEFAULTS: Mapping[str, Any] = {**TRAINING_DEFAULTS, "projection_visits": 4}
-"""A CSG tree costs some ten times a training step per point, and a good part of that per call."""
+COSTLY_TRAINING_DEFAULTS: Mapping[str, Any] = {**TRAINING_DEFAULTS, "projection_visits": 4}
+"""A projection onto a CSG tree, a network or a volume costs some ten times a training step per point, and a good part
+of that per call."""

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ndf_core.api import RepresentationSpec, Sniff, hookimpl
-from ndf_plugin_sdf.defaults import API_VERSION, TRAINING_DEFAULTS
+from ndf_plugin_sdf.defaults import API_VERSION, COSTLY_TRAINING_DEFAULTS
 from ndf_plugin_sdf.networks.description import NetworkDescription
 from ndf_plugin_sdf.networks.formats import SUFFIXES, look
 from ndf_plugin_sdf.networks.likeness import is_point_network, is_radiance
@@ -67,7 +67,7 @@ def ndf_representation() -> RepresentationSpec:
         open="ndf_plugin_sdf.neural_surface:open_neural",
         api_version=API_VERSION,
         support="full",
-        training_defaults=TRAINING_DEFAULTS,
+        training_defaults=COSTLY_TRAINING_DEFAULTS,
         suffixes=SUFFIXES,
         sniff=sniff,
     )

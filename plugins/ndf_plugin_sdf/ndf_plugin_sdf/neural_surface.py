@@ -17,7 +17,7 @@ from ndf_core.surfaces.implicit_field import ImplicitField
 from ndf_core.surfaces.level_set_surface import level_set_surface
 from ndf_plugin_sdf.analytic import names_callable
 from ndf_plugin_sdf.capped_field import capped_by_box
-from ndf_plugin_sdf.defaults import TRAINING_DEFAULTS
+from ndf_plugin_sdf.defaults import COSTLY_TRAINING_DEFAULTS
 from ndf_plugin_sdf.level_box import Coarse
 from ndf_plugin_sdf.network_field import Frame, NetworkField
 from ndf_plugin_sdf.network_program import as_network, load_program, program_field
@@ -103,7 +103,7 @@ def _surface(
         resolution=config.resolution,
         corrections=config.corrections,
         fingerprint=fingerprint("neural", config, content),
-        training_defaults=TRAINING_DEFAULTS,
+        training_defaults=COSTLY_TRAINING_DEFAULTS,
         notes=(*notes, *more),
     )
 
