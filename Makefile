@@ -4,12 +4,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help setup demo test lint clean
+.PHONY: help setup demo test lint docs clean
 
 help:
 	@echo "make demo    fit, extract and draw something worth looking at (demo/output)"
 	@echo "make test    everything that CI runs: style, types, import contracts, tests"
 	@echo "make lint    all of that but the tests"
+	@echo "make docs    the documentation, as a site (site/index.html)"
 	@echo "make setup   only make .venv"
 	@echo "make clean   remove .venv and build products"
 
@@ -28,6 +29,10 @@ lint: setup
 test: lint
 	$(BIN)/pytest -n 2
 
+docs: setup
+	$(BIN)/python tools/docs_reference.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 clean:
 	rm -rf .venv build dist *.egg-info plugins/*/build plugins/*/*.egg-info ndf_core/kernels/*.so
-	rm -rf .pytest_cache .ruff_cache .hypothesis .import_linter_cache demo/output
+	rm -rf site .pytest_cache .ruff_cache .hypothesis .import_linter_cache demo/output

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -11,6 +13,10 @@ import pytest
 
 from ndf_core.plugins.discovery import entries
 from ndf_core.plugins.loading import load_usable
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SOURCES = ("ndf_core", "pyproject.toml", "setup.py", "README.md", "LICENSE")
+"""What a wheel of ndf-core is built from."""
 
 GOOD = """
 from pathlib import Path
@@ -135,3 +141,21 @@ def plugin_maker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pl
     maker.forget()
     yield maker
     maker.forget()
+
+
+@pytest.fixture(scope="session")
+def core_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from a copy, so that no build product lands in the repository or comes from it."""
+    copy, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
+    products = shutil.ignore_patterns("*.so", "__pycache__")
+    for name in SOURCES:
+        source = REPOSITORY / name
+        if source.is_dir():
+            shutil.copytree(source, copy / name, ignore=products)
+        else:
+            shutil.copy(source, copy / name)
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
+    done = subprocess.run([*command, "-w", str(out), str(copy)], capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    (built,) = out.glob("*.whl")
+    return built

@@ -40,7 +40,7 @@ def main() -> int:
         run(sys.executable, "-m", "venv", "--clear", str(VENV))
         install_torch()
         BASE_STAMP.write_text(base)
-    packages = [f"{REPOSITORY}[fit,processing,dev]", *(f"{path.parent}[test]" for path in plugin_projects())]
+    packages = [f"{REPOSITORY}[fit,processing,dev,docs]", *(f"{path.parent}[test]" for path in plugin_projects())]
     say("installing ndf and what it needs (a few minutes the first time)")
     run(*pip("install"), *(word for package in packages for word in ("--editable", package)))
     STAMP.write_text(stamp)

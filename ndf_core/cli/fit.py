@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from ndf_core.cli.app import debug_option, json_option
 from ndf_core.cli.fit_command import PLAN, FitCommand, Plan
 from ndf_core.cli.paths import check_output
 from ndf_core.cli.result import Interrupted, Result, as_lines
-from ndf_core.config.resolve import resolve_config
+from ndf_core.config.resolve import DeprecatedOption, resolve_config
 from ndf_core.plugins.opening import open_surface
 
 if TYPE_CHECKING:
@@ -59,7 +60,11 @@ def command(
     spec = plan.spec
     assert spec is not None, "click has refused a missing INPUT"
     given = plan.given(options)
-    resolved = resolve_config(spec, given, file=plan.file)
+    with warnings.catch_warnings(record=True) as deprecated:
+        warnings.simplefilter("always", DeprecatedOption)
+        resolved = resolve_config(spec, given, file=plan.file)
+    if not quiet:
+        _say(*(f"warning: {found.message}" for found in deprecated))
     check_output(output, (SUFFIX,), Path(source))
     if plan.choice and not quiet:
         _say(*plan.choice.warnings, plan.choice.note)

@@ -69,6 +69,8 @@ def _option(leaf: Leaf, word: str, name: str, default: Any) -> click.Option:
         facts.append(bounds)
     if default is REQUIRED:
         facts.append("required")
+    if leaf.info.deprecated:
+        facts.append("deprecated" + (f": {leaf.info.deprecated}" if isinstance(leaf.info.deprecated, str) else ""))
     text = f"{leaf.info.description or ''}  [{'; '.join(facts)}]".strip()
     if leaf.info.annotation is bool:
         return click.Option([f"--{word}/--no-{word}", name], default=None, help=text)

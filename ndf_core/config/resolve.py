@@ -5,6 +5,7 @@ Lowest first: defaults, the plugin's training defaults, the recipe, the config f
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,10 @@ from ndf_core.config.toml import ConfigFile, read_config_file
 from ndf_core.errors import ConfigError, PluginError
 
 Model = TypeVar("Model", bound=BaseModel)
+
+
+class DeprecatedOption(FutureWarning):
+    """An option was given that a later version will not have. A FutureWarning, since it is meant for users."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +152,11 @@ def _resolve(model: type[Model], layers: Iterable[Layer], errors: list[str]) -> 
     defaults = {key: leaf.default for key, leaf in leaves(model).items() if leaf.default is not REQUIRED}
     merged = merge(model, layers)
     errors.extend(merged.errors)
+    for key, origin in merged.origins.items():
+        instead = leaves(model)[key].info.deprecated
+        if instead:
+            text = f": {instead}" if isinstance(instead, str) else ""
+            warnings.warn(f"{origin}: this option is deprecated{text}", DeprecatedOption, stacklevel=3)
     try:
         config = model.model_validate(nested({**defaults, **merged.values}))
     except ValidationError as error:

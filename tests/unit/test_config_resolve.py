@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ndf_core.api import RepresentationSpec
+from ndf_core.cli import main
 from ndf_core.config.fit import FitConfig, LossWeights
 from ndf_core.config.recipes import recipe_names
-from ndf_core.config.resolve import Given, resolve_config, resolve_representation
+from ndf_core.config.resolve import DeprecatedOption, Given, resolve_config, resolve_representation
 from ndf_core.errors import ConfigError, PluginError
+
+if TYPE_CHECKING:
+    from tests.conftest import PluginMaker
 
 
 class Inner(BaseModel):
@@ -149,3 +155,31 @@ def test_tables_may_be_given_as_mappings_models_or_dotted_keys() -> None:
 
 def test_defaults_of_the_config_model_are_valid() -> None:
     FitConfig.model_validate(FitConfig().model_dump())
+
+
+class Renamed(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    spacing: float = Field(default=1.0, description="distance of two columns")
+    step: float | None = Field(default=None, description="old name", deprecated="use spacing")
+
+
+def test_a_deprecated_option_warns_with_its_origin_and_only_where_it_is_given() -> None:
+    renamed = replace(spec(), config=Renamed)
+    with pytest.warns(DeprecatedOption, match=r"^arguments: step: this option is deprecated: use spacing$"):
+        resolve_representation(renamed, {"step": 2.0})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        resolve_representation(renamed, {"spacing": 2.0})
+
+
+def test_ndf_fit_says_that_an_option_is_deprecated(
+    plugin_maker: PluginMaker, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    plugin_maker.add("blob", replace={'description="Newton steps"': 'description="x", deprecated="use resolution"'})
+    assert main(["fit", "--repr", "blob", "--help"]) == 0
+    assert "deprecated: use resolution]" in " ".join(capfd.readouterr().out.split())
+    (tmp_path / "x.blob").write_text("blob crash")
+    assert main(["fit", str(tmp_path / "x.blob"), "-o", str(tmp_path / "x.ndf"), "--blob.steps", "3"]) == 3
+    said = "warning: command line: --blob.steps: this option is deprecated: use resolution"
+    assert said in capfd.readouterr().err.splitlines()

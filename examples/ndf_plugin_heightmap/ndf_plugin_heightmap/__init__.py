@@ -1,0 +1,1 @@
+"""Representation `heightmap` for ndf."""

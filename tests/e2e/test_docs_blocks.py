@@ -1,0 +1,45 @@
+"""Every block of the docs that can run is run, as its reader would, with fits of a few steps."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+from markdown_blocks import blocks_of
+
+from ndf_core.cli import main
+from ndf_core.config import resolve
+from ndf_core.config.layers import Layer
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGES = [("index.md", "extend.md"), ("versions.md",), *((f"howto/{path.name}",) for path in DOCS.glob("howto/*.md"))]
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("pages", PAGES, ids=lambda pages: pages[0])
+def test_the_blocks_of_a_page_run_one_after_another(
+    pages: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    short = Layer("recipe of this test", {"steps": 3, "batch": 128, "coverage_every": 0})
+    monkeypatch.setattr(resolve, "recipe_layer", lambda _name: short)
+    monkeypatch.chdir(tmp_path)
+    ran = 0
+    for page in pages:
+        for block in blocks_of(DOCS / page):
+            if block.title:
+                path = tmp_path / block.title
+                path.parent.mkdir(exist_ok=True)
+                path.write_text(block.text)
+            if block.language == "python":
+                namespace: dict[str, Any] = {"__name__": block.title or page}
+                exec(compile(block.text, block.title or page, "exec"), namespace)
+            elif block.language == "bash":
+                for line in block.text.splitlines():
+                    program, *words = shlex.split(line)
+                    assert program == "ndf", line
+                    assert main(words) == 0, f"{page}: {line}\n{capfd.readouterr().err}"
+            ran += block.language in ("python", "bash")
+    assert ran
