@@ -29,15 +29,15 @@ import representation_pictures as inputs  # noqa: E402  # not a package
 
 STEPS = 600
 INPUTS = {
-    "analytic": REPOSITORY / "examples" / "shapes" / "bracket.toml",
+    "analytic": REPOSITORY / "examples" / "shapes" / "teapot.toml",
     "mesh": DATA / "mesh" / "rocker-arm.obj",
-    "grid": DATA / "grid" / "CT_AVM.nii.gz",
-    "neural": DATA / "neural" / "thingi_313444.h5",
+    "grid": DATA / "grid" / "spm152.nii.gz",
+    "neural": DATA / "neural" / "niq_bunny.npz",
     "soup": DATA / "soup" / "beetle-alt.obj",
     "oriented-points": DATA / "pointcloud" / "gpmr_hand.pwn",
-    "points": DATA / "pointcloud" / "stanford_bun000.ply",
-    "gaussians": DATA / "splat" / "donut_fused.ply",
-    "nerf": DATA / "nerf" / "krrish_lego_fine.npz",
+    "points": DATA / "pointcloud" / "ipsr_walrus.ply",
+    "gaussians": DATA / "splat" / "statue_angel.sog",
+    "nerf": DATA / "nerf" / "krrish_lego.ckpt",
 }
 UPRIGHT = {"nerf": "z", "grid": "z", "analytic": "z"}
 
