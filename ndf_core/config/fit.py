@@ -83,7 +83,7 @@ class FitConfig(BaseModel):
         description="steps that each sample serves for against the plane of one projection; 1 projects at every step",
     )
     coverage_every: int = Field(
-        default=50,
+        default=100,
         ge=0,
         le=1_000_000,
         description="steps between looks for spots of the surface that the map leaves uncovered; 0 never looks",

@@ -39,19 +39,20 @@ def optional_gradient(
     """
     if weights.normal and normals is None:
         raise ConfigError("--loss.normal needs surface normals, and this representation gives none; leave it out")
+    if not (weights.normal or weights.conformality or (weights.anchor and anchors is not None)):
+        return None
     flat = parameters.flat.detach().requires_grad_()
     live = Parameters(parameters.shape, flat)
-    total: Tensor | None = None
+    total = flat.new_zeros(())
     if weights.anchor and anchors is not None:
-        total = weights.anchor * anchor_loss(live, anchors)
+        total = total + weights.anchor * anchor_loss(live, anchors)
     if weights.normal or weights.conformality:
         mapped = mapped_frame(live, geometry, base.face, base.barycentric)
         sides = None if normals is None else (mapped.frame.normal.detach() * normals).sum(1).sign()
-        terms = weights.conformality * conformality_loss(mapped, sides, base.weight)
+        total = total + weights.conformality * conformality_loss(mapped, sides, base.weight)
         if normals is not None:
-            terms = terms + weights.normal * normal_loss(mapped, normals, base.weight)
-        total = terms if total is None else total + terms
-    return None if total is None else torch.autograd.grad(total, flat)[0]
+            total = total + weights.normal * normal_loss(mapped, normals, base.weight)
+    return torch.autograd.grad(total, flat)[0]
 
 
 def anchor_loss(parameters: Parameters, anchors: Anchors) -> Float[Tensor, ""]:

@@ -22,7 +22,7 @@ from ndf_core.fitting.network import Parameters, displace, interpolate, invert
 from ndf_core.fitting.projection import BoxProjector
 from ndf_core.fitting.sampling import BasePoints, generator_at, mapped_areas, stratified
 
-RMS_BUDGET = 0.02
+RMS_BUDGET = 0.018
 """Growth of the projection rms that quantising may cost."""
 CYCLE_BUDGET = 0.10
 """Growth of the cycle loss that quantising the inverse may cost."""
