@@ -29,6 +29,8 @@ _BLUR = 1.0
 """Standard deviation in cells that the density is smoothed with, so that thin splats do not slip between nodes."""
 _FAIRING = 0.7
 """The same for the field whose level set is the base mesh."""
+_LEAST = 0.05
+"""Nodes nearer to a level set than this are moved away to it: they would make triangles too small to be stored."""
 OFFSET = 2.0
 """Cells from the middle of the skin to its border, about."""
 _FOOT = 0.15
@@ -146,11 +148,12 @@ def _labelled(cells: Bool[Array, "x y z"]) -> tuple[Int[Array, "x y z"], int]:
 
 
 def meshed(field: Float[Array, "x y z"], grid: Grid) -> Mesh:
-    """The zero level set of a field that is positive inside.
+    """The zero level set of a field that is positive inside, and changes by about 1 from node to node there.
 
     Raises:
         BaseMeshError: nothing is inside.
     """
+    field = np.where(np.abs(field) < _LEAST, np.copysign(_LEAST, field), field)
     # From the second node to the last but one: all that is asked for lies on nodes.
     bounds = grid.bounds + np.array([[grid.step], [-grid.step]])
     cells = max(grid.shape) - 3

@@ -10,7 +10,9 @@ import pytest
 import torch
 from ndf_plugin_gaussians.gaussians import GaussiansConfig
 from ndf_plugin_gaussians.gaussians_surface import open_gaussians
+from ndf_plugin_gaussians.grid import Grid
 from ndf_plugin_gaussians.openness import find_ground, openness
+from ndf_plugin_gaussians.solid import meshed
 from ndf_plugin_gaussians.splats import Splats
 from splat_shapes import joined, on_surface, open_box, sphere
 
@@ -117,6 +119,16 @@ def test_floaters_giants_and_faint_splats_are_left_out_and_said() -> None:
         assert any(text in note for note in surface.notes), (text, surface.notes)
     base = surface.base_mesh.extract(500)
     assert signed_volume(base.vertices, base.faces) == pytest.approx(4 / 3 * np.pi, rel=0.08)
+
+
+def test_nodes_at_the_level_make_no_triangles_too_small_to_store() -> None:
+    grid = Grid.around(np.array([[-1.0, -1, -1], [1, 1, 1]]), 20)
+    nodes = grid.nodes(np.argwhere(np.ones(grid.shape, dtype=bool)))
+    field = np.clip((0.8 - np.linalg.norm(nodes, axis=1)) / grid.step, -1, 1).reshape(grid.shape)
+    field[np.abs(field) < 0.3] = 1e-12
+    mesh = meshed(field, grid)
+    edges = mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)]
+    assert np.linalg.norm(edges, axis=2).min() > 0.01 * grid.step
 
 
 def test_components_are_kept_by_size() -> None:
