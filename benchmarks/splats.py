@@ -1,6 +1,7 @@
 """Is the mesh of a file of splats an outer surface, and does it go through the splats?
 
-For every file: opens it as `gaussians`, fits 4,000 base faces (or takes an asset), extracts, and measures
+For every file: opens it as `gaussians`, fits 4,000 base faces (or takes the asset that `representations.py` made),
+extracts, and measures
 
 - `distance`: median distance from the opaque centres (opacity > 0.5) that the filter keeps to the mesh;
 - `residual`: median distance of the same centres from the plane through their 25 nearest; `ratio` is distance over
@@ -8,7 +9,8 @@ For every file: opens it as `gaussians`, fits 4,000 base faces (or takes an asse
 - `solid`: share of 2,000 rays from outside that find solid (winding number of the mesh above 1/2) 2% of the longest
   side behind their first hit.
 
-    python benchmarks/splats.py [FILE ...] [--steps N] [--option base_mesh=dilation ...] [--pictures FOLDER]
+    python benchmarks/splats.py [FILE ...] [--steps N] [--option base_mesh=dilation ...] [--assets FOLDER]
+        [--pictures FOLDER]
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from numpy import ndarray as Array
 from scipy.spatial import cKDTree
 
 import ndf_core
+from ndf_core.asset.asset import Asset
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.render.camera import Camera
 from ndf_core.render.panels import panels
@@ -63,8 +66,9 @@ class Row:
     genus: int
     folded_area: float
     converged: float
-    seconds_open: float
-    seconds_fit: float
+    seconds_open: float | None
+    """None where the asset was there; `results/representations.json` has the seconds of all of it then."""
+    seconds_fit: float | None
     asset_bytes: int
     notes: tuple[str, ...]
 
@@ -73,16 +77,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path)
     parser.add_argument("--data", type=Path, default=HERE.parent.parent / "shared" / "data" / "splat")
-    parser.add_argument("--steps", type=int, default=2000)
+    parser.add_argument("--steps", type=int, help="of the fit; none: as by default")
     parser.add_argument("--faces", type=int, default=4000)
     parser.add_argument("--option", action="append", default=[], metavar="NAME=VALUE", help="of the representation")
+    parser.add_argument("--assets", type=Path, help="folder where representations.py wrote its assets")
     parser.add_argument("--pictures", type=Path)
     parser.add_argument("--output", type=Path, default=HERE / "results" / "splats.json")
     arguments = parser.parse_args()
     options = dict(text.split("=", 1) for text in arguments.option)
     done = json.loads(arguments.output.read_text()) if arguments.output.exists() else []
     for path in arguments.files or sorted(arguments.data.iterdir()):
-        row = asdict(measure_file(path, options, arguments.faces, arguments.steps, arguments.pictures))
+        fitted = arguments.assets and arguments.assets / f"splat_{path.name}.ndf"
+        if fitted and fitted.is_file():
+            asset, seconds, notes = ndf_core.load(fitted), (None, None), ()
+        else:
+            asset, seconds, notes = fit(path, options, arguments.faces, arguments.steps)
+        row = asdict(measure_file(path, options, asset, seconds, notes, arguments.pictures))
         same = [r for r in done if (r["file"], r["options"]) == (row["file"], row["options"])]
         done = [r for r in done if r not in same] + [row]
         print(" ".join(f"{key}={value:.4g}" if isinstance(value, float) else f"{key}={value}"
@@ -91,14 +101,23 @@ def main() -> None:
         arguments.output.write_text(json.dumps(sorted(done, key=lambda r: (r["file"], str(r["options"]))), indent=1))
 
 
-def measure_file(path: Path, options: dict[str, str], faces: int, steps: int, pictures: Path | None) -> Row:
-    """Fit, extract and measure one file; CPU seconds."""
+Seconds = tuple[float | None, float | None]
+
+
+def fit(path: Path, options: dict[str, str], faces: int, steps: int | None) -> tuple[Asset, Seconds, tuple[str, ...]]:
+    """The asset, CPU seconds of opening and fitting, and what was said about the file."""
     torch.set_num_threads(1)
     start = time.process_time()
     surface = ndf_core.open(path, repr="gaussians", **options)
     opened = time.process_time()
-    asset = ndf_core.fit(surface, faces=faces, steps=steps, threads=1)
-    fitted = time.process_time()
+    asset = ndf_core.fit(surface, faces=faces, threads=1, **({"steps": steps} if steps else {}))
+    return asset, (round(opened - start, 1), round(time.process_time() - opened, 1)), surface.notes
+
+
+def measure_file(
+    path: Path, options: dict[str, str], asset: Asset, seconds: Seconds, notes: tuple[str, ...], pictures: Path | None
+) -> Row:
+    """Extract and measure one file."""
     mesh = asset.extract()
     splats = read_splat_file(path)[0]
     kept = filter_splats(splats, GaussiansConfig.model_validate(options), str(path))[0]
@@ -125,10 +144,10 @@ def measure_file(path: Path, options: dict[str, str], faces: int, steps: int, pi
         genus=counts[1],
         folded_area=float(mesh.statistics["folded_area"]),
         converged=float(asset.content.provenance["error"]["converged"]),
-        seconds_open=round(opened - start, 1),
-        seconds_fit=round(fitted - opened, 1),
+        seconds_open=seconds[0],
+        seconds_fit=seconds[1],
         asset_bytes=asset.size,
-        notes=surface.notes,
+        notes=notes,
     )
 
 
