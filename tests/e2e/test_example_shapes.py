@@ -13,7 +13,7 @@ from ndf_plugin_sdf.analytic_surface import open_analytic
 from ndf_core.base_mesh.level_set import LevelSetExtractor
 from ndf_core.mesh import topology
 
-SHAPES = Path(__file__).resolve().parents[3] / "examples" / "shapes"
+SHAPES = Path(__file__).resolve().parents[2] / "examples" / "shapes"
 GENUS = {"bracket.toml": 6, "teapot.toml": 2, "functions.py:trefoil": 1, "functions.py:gyroid_ball": 26}
 
 
