@@ -29,20 +29,22 @@ class Meshed:
     vertices: np.ndarray
     faces: np.ndarray
     seconds: float
+    edge_lengths: np.ndarray | None = None
+    """Along the surface, where they are known."""
 
 
 def ours(shape: Shape) -> Iterator[Meshed]:
     scale = Asset.load(shape.asset).content.scale
 
-    def extract(length: float) -> Mesh:
+    def extract(length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         asset = Asset.load(shape.asset)
         mesh = asset.extract(length * scale)
-        return (mesh.vertices - asset.content.center) / scale, mesh.faces
+        return (mesh.vertices - asset.content.center) / scale, mesh.faces, mesh.edge_lengths / scale
 
     extract(0.5)
     for length in OUR_LENGTHS:
-        (vertices, faces), seconds = timed(lambda length=length: extract(length))
-        yield Meshed("ours", length, vertices, faces, seconds)
+        (vertices, faces, lengths), seconds = timed(lambda length=length: extract(length))
+        yield Meshed("ours", length, vertices, faces, seconds, lengths)
 
 
 def marching(shape: Shape, cell: float) -> tuple[Mesh, float]:

@@ -68,8 +68,9 @@ def _extracted(asset: Asset, state: Remeshing, edge_length: float) -> ExtractedM
     """One stage, checked from its vertices and faces alone."""
     now = state.refine(edge_length / asset.content.scale)
     vertices = asset.to_input(now.mapped)
+    lengths = asset.content.scale * state.edge_lengths()
     start = time.perf_counter()
-    intrinsic = intrinsic_delaunay(vertices, now.faces)
+    intrinsic = intrinsic_delaunay(vertices, now.faces, lengths)
     flipped = time.perf_counter()
     check = check_mesh(now.faces, len(vertices))
     shape = measure_mesh(vertices, now.faces, check.twins)
@@ -79,6 +80,7 @@ def _extracted(asset: Asset, state: Remeshing, edge_length: float) -> ExtractedM
         faces=now.faces,
         base_faces=now.points.faces,
         barycentric=now.points.barycentric,
+        edge_lengths=lengths,
         intrinsic=intrinsic,
         edge_length=float(edge_length),
         statistics={

@@ -29,8 +29,12 @@ class ExtractedMesh:
     """int32: the base face that each vertex lies in."""
     barycentric: Float[Array, "v 3"]
     """float64: its weights there."""
+    edge_lengths: Float[Array, "f 3"]
+    """float64, input units: `edge_lengths[f, i]` is that of the edge from corner i of face f to the next, measured
+    along the surface: over the field at its middle."""
     intrinsic: IntrinsicTriangulation
-    """The intrinsic Delaunay triangulation of `faces`, to compute on; input units."""
+    """The intrinsic Delaunay triangulation of these lengths, to compute on: its area, angles and distances are closer
+    to the surface's than those of the flat triangles. Input units."""
     edge_length: float
     """Input units."""
     statistics: Mapping[str, Any]

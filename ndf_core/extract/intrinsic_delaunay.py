@@ -7,14 +7,16 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.errors import InputError
-from ndf_core.kernels.delaunay import IntrinsicTriangulation, flip_to_delaunay
+from ndf_core.kernels.delaunay import IntrinsicTriangulation, flip_to_delaunay, straight_lengths
 from ndf_core.kernels.mesh_check import check_mesh
 
 
-def intrinsic_delaunay(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> IntrinsicTriangulation:
+def intrinsic_delaunay(
+    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], lengths: Float[Array, "f 3"] | None = None
+) -> IntrinsicTriangulation:
     """Flip edges, on lengths alone, until the opposite angles of every inner edge add up to pi at most.
 
-    The surface stays the one of `faces`, in the units of `vertices`; loops and double edges may appear. Its
+    The surface stays that of `faces`, or the one that the lengths describe; loops and double edges may appear. Its
     Laplacian has no negative weight.
 
     Laws: the same on every run; a mesh that is Delaunay already stays as it is; vertices, area and the angle sum at
@@ -23,6 +25,7 @@ def intrinsic_delaunay(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) 
     Args:
         vertices: Any units.
         faces: An oriented manifold along its edges; a border is allowed, and so are faces without area.
+        lengths: Of the half-edges, where they are not straight.
 
     Raises:
         InputError: an edge has more than two faces, or two that run through it in the same direction; a face names a
@@ -41,5 +44,6 @@ def intrinsic_delaunay(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) 
             f"the mesh is not an oriented manifold: {check.non_manifold_edges} edges of more than two faces, "
             f"{check.inconsistent_edges} of two that disagree, {check.degenerate_faces} degenerate faces"
         )
-    triangulation, _ = flip_to_delaunay(vertices, faces, check.twins)
+    straight = straight_lengths(vertices, faces) if lengths is None else lengths
+    triangulation, _ = flip_to_delaunay(straight, faces, check.twins)
     return triangulation

@@ -59,7 +59,8 @@ class Remeshing:
     def __init__(self, content: AssetContent, displacement: FieldEvaluator, threads: int) -> None:
         self._displacement = displacement
         self._threads = threads
-        self.seconds = {"map": 0.0, "split": 0.0, "flip": 0.0, "remove": 0.0, "move": 0.0, "sort": 0.0}
+        stages: list[str] = ["map", "split", "flip", "remove", "move", "sort", "measure"]
+        self.seconds = dict.fromkeys(stages, 0.0)
         self.unsplit_edges = 0
         used = np.unique(content.faces)
         faces = np.searchsorted(used, content.faces).astype(np.int32)
@@ -99,6 +100,14 @@ class Remeshing:
         self.unsplit_edges = unsplit + len(longer.faces)
         with self._stage("sort"):
             return self._kernel.triangulation()
+
+    def edge_lengths(self) -> Float[Array, "f 3"]:
+        """Of the half-edges along the surface, for the triangulation that `refine` gave last."""
+        with self._stage("measure"):
+            middles = self._kernel.find_edges()
+        mapped = self._map(middles)
+        with self._stage("measure"):
+            return self._kernel.edge_lengths(mapped)
 
     def _split(self, limit: float) -> None:
         """Halve edges until none is longer than `limit`, the longest first, and flip after every round.

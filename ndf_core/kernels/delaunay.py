@@ -26,8 +26,20 @@ class IntrinsicTriangulation(NamedTuple):
     """int32: the half-edge on the other side, -1 at a border."""
 
 
+def straight_lengths(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Float[Array, "f 3"]:
+    """Lengths of the sides of triangles in space, as `IntrinsicTriangulation` has them.
+
+    Raises:
+        IndexError: a face names a vertex that does not exist.
+    """
+    lengths = np.empty(faces.shape)
+    corners = np.ascontiguousarray(faces, dtype=np.int32)
+    _delaunay.measure(corners, lengths, np.ascontiguousarray(vertices, dtype=np.float64))
+    return lengths
+
+
 def flip_to_delaunay(
-    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], twins: Int[Array, "f 3"]
+    lengths: Float[Array, "f 3"], faces: Int[Array, "f 3"], twins: Int[Array, "f 3"]
 ) -> tuple[IntrinsicTriangulation, int]:
     """The intrinsic Delaunay triangulation of a mesh whose half-edges are linked, and how many flips led to it.
 
@@ -35,17 +47,15 @@ def flip_to_delaunay(
     up to pi at most (cotangents to -1e-9 at least).
 
     Raises:
-        IndexError: a face names a vertex that does not exist.
         ValueError: `twins` does not link sides in pairs.
 
     Reference: Fisher, Springborn, Schroeder, Bobenko 2007.
     """
-    points = np.ascontiguousarray(vertices, dtype=np.float64)
     corners = np.array(faces, dtype=np.int32, order="C")
     sides = np.array(twins, dtype=np.int32, order="C")
-    lengths = np.empty(corners.shape)
-    flips = _delaunay.flip(corners, sides, lengths, points)
-    return IntrinsicTriangulation(corners, lengths, sides), flips
+    flipped = np.array(lengths, dtype=np.float64, order="C")
+    flips = _delaunay.flip(corners, sides, flipped)
+    return IntrinsicTriangulation(corners, flipped, sides), flips
 
 
 def delaunay_share(triangulation: IntrinsicTriangulation, least: float = -1e-6) -> float:

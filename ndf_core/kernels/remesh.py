@@ -172,6 +172,24 @@ class RemeshKernel:
         _remesh.export(self._state, result.faces, *result.points, result.mapped)
         return result
 
+    def find_edges(self) -> BasePoints:
+        """The middle of every edge, for `edge_lengths`."""
+        self.sort()
+        return self._places(_remesh.find_edges(self._state))
+
+    def edge_lengths(self, mapped: Float[Array, "n 3"]) -> Float[Array, "f 3"]:
+        """Lengths of the half-edges along the mapped surface, in the order of `triangulation`.
+
+        Laws: an edge has one length, at least its straight one and at most 1.15 times that. Edges of faces that would
+        be no triangles have their straight ones.
+
+        Args:
+            mapped: Where the map takes the points of `find_edges`.
+        """
+        lengths = np.empty((_remesh.size(self._state)[1], 3))
+        _remesh.measure_edges(self._state, np.ascontiguousarray(mapped, dtype=np.float64), lengths)
+        return lengths
+
     def half_edges(self) -> HalfEdges:
         """A copy of the edges, in the order of `triangulation`."""
         self.sort()

@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.kernels.delaunay import straight_lengths
+from ndf_core.kernels.variation import vary_distances
 from ndf_core.processing.insertion import insert_points
 from ndf_core.processing.operators import Operators
 from ndf_core.processing.surface_points import SurfacePoints
@@ -15,7 +17,9 @@ def exact_distances(operators: Operators, sources: SurfacePoints) -> tuple[Float
     """Distance of each vertex to the nearest of the sources along the surface; infinity where none is connected.
 
     Sources are where they are: the face or edge around one is split, which leaves the surface and its distances as
-    they are. Time grows like v^1.5 or so: 10,000 vertices take 0.3 s, 86,000 take 18 s.
+    they are. Where the operators have edge lengths of a curved surface, distances on the flat triangles are corrected
+    to first order: every path gets the length that the surface has along it. Time grows like v^1.5 or so: 10,000
+    vertices take 0.3 s, 86,000 take 18 s.
 
     Returns:
         The distances, and how many of them the algorithm missed. pygeodesic's reports some rare vertices as
@@ -34,7 +38,30 @@ def exact_distances(operators: Operators, sources: SurfacePoints) -> tuple[Float
     connected[: len(operators.vertices)] = reached[operators.components]
     missed = connected & ~np.isfinite(distances)
     _detour(vertices, faces, distances, missed)
-    return distances[: len(operators.vertices)], int(missed.sum())
+    return _on_surface(operators, sources, distances[: len(operators.vertices)]), int(missed.sum())
+
+
+def _on_surface(operators: Operators, sources: SurfacePoints, distances: Float[Array, " v"]) -> Float[Array, " v"]:
+    """Distances on flat triangles, made those under the edge lengths of the surface where they are known."""
+    if operators.edge_lengths is None:
+        return distances
+    flat, curved = straight_lengths(operators.vertices, operators.faces), operators.edge_lengths
+    known = np.full(len(distances), np.nan)
+    corners = operators.faces[sources.faces]
+    straight, bent = (_to_corners(lengths[sources.faces], sources.barycentric) for lengths in (flat, curved))
+    for i in range(3):  # a source is seen from the corners of its face, where no other is nearer
+        seen = straight[:, i] <= distances[corners[:, i]] * (1 + 1e-9)
+        known[corners[seen, i]] = (bent - straight)[seen, i]
+    shifts = vary_distances(operators.faces, flat, curved, distances, known)
+    return np.where(np.isfinite(distances), np.maximum(distances + shifts, 0.0), distances)
+
+
+def _to_corners(lengths: Float[Array, "n 3"], weights: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    """Distances of a point of each triangle from its corners, by the lengths of the sides."""
+    offset = np.eye(3) - weights[:, None]
+    ab, bc, ca = (lengths[:, i, None] ** 2 for i in range(3))
+    x, y, z = offset[..., 0], offset[..., 1], offset[..., 2]
+    return np.sqrt(np.maximum(-(ab * x * y + bc * y * z + ca * z * x), 0.0))
 
 
 def _detour(

@@ -36,8 +36,8 @@ class TriangleMesh(Protocol):
 class Operators:
     """Finite elements on the intrinsic Delaunay triangulation of a mesh, in the mesh's units.
 
-    The surface is that of the mesh's triangles, exactly; only the triangulation of it is another one, whose faces may
-    have loops and double edges. Values are on the mesh's vertices, which both have.
+    The surface is that of the mesh's triangles, exactly, or the one that given edge lengths describe. Only its
+    triangulation is another one, whose faces may have loops and double edges. Values are on the mesh's vertices.
 
     Laws: invariant under rigid motions; no value is changed once it is made.
     """
@@ -47,6 +47,7 @@ class Operators:
         vertices: Float[Array, "v 3"],
         faces: Int[Array, "f 3"],
         triangulation: IntrinsicTriangulation | None = None,
+        edge_lengths: Float[Array, "f 3"] | None = None,
     ) -> None:
         """Check the mesh; nothing is computed yet.
 
@@ -54,6 +55,7 @@ class Operators:
             vertices: Any units; every one is used by a face.
             faces: An oriented manifold along its edges. A border is allowed.
             triangulation: The intrinsic Delaunay triangulation of the mesh, where it is known.
+            edge_lengths: Of the faces' edges, where the surface is not the triangles: from corner i to corner i + 1.
 
         Raises:
             InputError: there is no face, or a vertex that no face uses. What else can be wrong with a mesh is said
@@ -72,12 +74,13 @@ class Operators:
                 f"{int((~used).sum()):,} of {len(used):,} vertices belong to no face, the first is vertex "
                 f"{int(used.argmin())} (from 0): remove them"
             )
+        self.edge_lengths = edge_lengths
         self._given = triangulation
 
     @classmethod
     def of(cls, mesh: TriangleMesh) -> Operators:
         """The operators of an `ExtractedMesh`, which brings its triangulation, or of another mesh."""
-        return cls(mesh.vertices, mesh.faces, getattr(mesh, "intrinsic", None))
+        return cls(mesh.vertices, mesh.faces, getattr(mesh, "intrinsic", None), getattr(mesh, "edge_lengths", None))
 
     @cached_property
     def triangulation(self) -> IntrinsicTriangulation:
@@ -86,7 +89,7 @@ class Operators:
         Raises:
             InputError: the mesh is not an oriented manifold, or not finite.
         """
-        return self._given or intrinsic_delaunay(self.vertices, self.faces)
+        return self._given or intrinsic_delaunay(self.vertices, self.faces, self.edge_lengths)
 
     @cached_property
     def lengths(self) -> Float[Array, "f 3"]:

@@ -19,7 +19,9 @@ from ndf_core.extract import remeshing
 from ndf_core.extract.extract import extract_mesh, refine_mesh
 from ndf_core.extract.extracted import ExtractedMesh
 from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.kernels.delaunay import straight_lengths
 from ndf_core.mesh import face_normals, topology
+from ndf_core.processing.operators import Operators
 
 MESHES = {"sphere": icosphere(1), "torus": torus(), "open": open_grid()}
 
@@ -60,7 +62,7 @@ def test_topology_edge_length_and_field(mesh: str, edge_length: float | None) ->
     assert least < statistics["delaunay_extrinsic"] <= statistics["delaunay"] == 1
     assert statistics["unsplit_edges"] == 0
     assert statistics["folded_area"] == 0
-    stages = {"map", "split", "flip", "remove", "move", "sort", "delaunay", "check", "total"}
+    stages = {"map", "split", "flip", "remove", "move", "sort", "measure", "delaunay", "check", "total"}
     assert set(statistics["seconds"]) == stages
 
 
@@ -219,6 +221,18 @@ def test_blunt_creases_are_not_cut_off() -> None:
     extracted = Asset(content).extract(0.05)
     expected = area(Asset(content).to_input(content.vertices), content.faces)
     assert area(extracted.vertices, extracted.faces) == pytest.approx(expected, rel=2e-4)
+
+
+def test_edges_are_measured_along_the_surface() -> None:
+    """No shorter than straight, as long on both sides, and together with more area: what the flat faces cut off."""
+    extracted = Asset(content_of("torus")).extract(0.1)
+    straight = straight_lengths(extracted.vertices, extracted.faces)
+    assert (extracted.edge_lengths >= straight * (1 - 1e-12)).all()
+    assert (extracted.edge_lengths <= straight * (1.15 + 1e-12)).all()
+    finer = Asset(content_of("torus")).extract(0.02)
+    true = Operators.of(finer).area
+    flat = area(extracted.vertices, extracted.faces)
+    assert abs(Operators.of(extracted).area - true) < 0.5 * abs(flat - true)
 
 
 def test_a_wildly_rough_field_ends_with_an_error() -> None:

@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 from small_assets import icosphere, open_grid, torus
 
 from ndf_core.errors import InputError
+from ndf_core.kernels.delaunay import straight_lengths
+from ndf_core.kernels.variation import vary_distances
 from ndf_core.processing.exact_geodesics import _detour, exact_distances
 from ndf_core.processing.geodesics import geodesic_distances
 from ndf_core.processing.heat_method import heat_distances
@@ -194,3 +196,31 @@ def test_missed_vertices_get_the_way_over_a_neighbour() -> None:
 def test_sources_that_are_none_are_refused(points: Array, message: str) -> None:
     with pytest.raises(InputError, match=message):
         geodesic_distances(Operators(*icosphere(1)), points)
+
+
+def test_distances_scale_with_the_edge_lengths() -> None:
+    """A path of every vertex is known to first order: where all lengths grow by a share, so do all distances."""
+    vertices, faces = torus()
+    sources = np.array([[1.2, 0.1, 0.2], [-1.0, 0.3, -0.1]])
+    flat = exact_distances(Operators(vertices, faces), Operators(vertices, faces).closest(sources))[0]
+    longer = Operators(vertices, faces, edge_lengths=1.001 * straight_lengths(vertices, faces))
+    found = exact_distances(longer, longer.closest(sources))[0]
+    np.testing.assert_allclose(found, 1.001 * flat, rtol=1e-9)
+
+
+def test_lengths_of_arcs_bring_distances_closer_to_the_sphere() -> None:
+    vertices, faces = icosphere(3)
+    arcs = 2 * np.arcsin(straight_lengths(vertices, faces) / 2)
+    true = np.arccos(np.clip(vertices @ POINT[0], -1, 1))
+    flat = geodesic_distances(Operators(vertices, faces), POINT, "exact").distances
+    curved = geodesic_distances(Operators(vertices, faces, edge_lengths=arcs), POINT, "exact").distances
+    assert mean_error(curved, true) < 0.65 * mean_error(flat, true)
+
+
+def test_faulty_variations_are_refused() -> None:
+    _, faces = icosphere(0)
+    lengths, distances = np.ones((20, 3)), np.zeros(12)
+    with pytest.raises(IndexError, match=r"faces: index 12 is outside \[0, 12\)"):
+        vary_distances(np.where(faces == 3, 12, faces), lengths, lengths, distances, distances)
+    with pytest.raises(ValueError, match="two lengths per side"):
+        vary_distances(faces, lengths, lengths[1:], distances, distances)

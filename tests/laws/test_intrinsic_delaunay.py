@@ -11,7 +11,7 @@ from small_assets import Mesh, icosphere, open_grid, torus
 
 from ndf_core.errors import InputError
 from ndf_core.extract.intrinsic_delaunay import intrinsic_delaunay
-from ndf_core.kernels.delaunay import IntrinsicTriangulation, delaunay_share, flip_to_delaunay
+from ndf_core.kernels.delaunay import IntrinsicTriangulation, delaunay_share, flip_to_delaunay, straight_lengths
 from ndf_core.kernels.mesh_check import check_mesh
 from ndf_core.kernels.reference import delaunay as reference
 
@@ -135,8 +135,8 @@ def test_the_kernel_refuses_twins_that_are_not_pairs() -> None:
     vertices, faces = icosphere(0)
     twins = check_mesh(faces, 12).twins
     with pytest.raises(ValueError, match="half-edge 0 has no other side"):
-        flip_to_delaunay(vertices, faces, np.where(twins == twins[0, 0], 0, twins))
+        flip_to_delaunay(straight_lengths(vertices, faces), faces, np.where(twins == twins[0, 0], 0, twins))
     with pytest.raises(ValueError, match="same number of rows"):
-        flip_to_delaunay(vertices, faces, twins[1:])
+        flip_to_delaunay(straight_lengths(vertices, faces), faces, twins[1:])
     with pytest.raises(ValueError, match="not those of these faces"):
         delaunay_share(IntrinsicTriangulation(faces, np.ones((20, 3)), twins + np.int32(100)))

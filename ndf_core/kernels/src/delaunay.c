@@ -126,42 +126,67 @@ static void measure_lengths(const Triangulation *mesh, const double *points)
     }
 }
 
-static int is_triangulation(const int32_t *corners, const int32_t *twins, Py_ssize_t half_edges, Py_ssize_t vertices)
+static int are_indices(const int32_t *corners, Py_ssize_t half_edges, Py_ssize_t vertices)
 {
-    for (Py_ssize_t h = 0; h < half_edges; h++) {
+    for (Py_ssize_t h = 0; h < half_edges; h++)
         if (corners[h] < 0 || corners[h] >= vertices) {
             PyErr_Format(PyExc_IndexError, "faces: index %d is outside [0, %zd)", corners[h], vertices);
             return 0;
         }
+    return 1;
+}
+
+static int are_twins(const int32_t *twins, Py_ssize_t half_edges)
+{
+    for (Py_ssize_t h = 0; h < half_edges; h++)
         if (twins[h] != -1 && (twins[h] < 0 || twins[h] >= half_edges || twins[h] == h || twins[twins[h]] != h)) {
             PyErr_Format(PyExc_ValueError, "twins: half-edge %zd has no other side", h);
             return 0;
         }
-    }
     return 1;
 }
 
-/* flip(faces i(f,3), twins i(f,3), lengths d(f,3), points d(n,3)) -> number of flips; the first three are changed */
+/* measure(faces i(f,3), lengths d(f,3), points d(n,3)): the lengths of straight sides */
+static PyObject *measure(PyObject *self, PyObject *args)
+{
+    PyObject *o[3], *result = NULL;
+    Arrays a;
+    static const int columns[] = {3, 3, 3};
+    static const char *const names[] = {"lengths", "faces", "points"};
+    if (!PyArg_ParseTuple(args, "OOO", &o[1], &o[0], &o[2]) || arrays_get(&a, o, "did", columns, names, 1) < 0)
+        return NULL;
+    Array *x = a.array;
+    Triangulation mesh = {x[1].data, NULL, x[0].data, (int32_t)(3 * x[1].rows)};
+    if (3 * x[1].rows > INT32_MAX || x[0].rows != x[1].rows) {
+        PyErr_SetString(PyExc_ValueError, "faces and lengths need the same number of rows, at most 2^31 / 3");
+    } else if (are_indices(mesh.corners, mesh.half_edges, x[2].rows)) {
+        measure_lengths(&mesh, x[2].data);
+        result = Py_NewRef(Py_None);
+    }
+    arrays_release(&a);
+    return result;
+}
+
+/* flip(faces i(f,3), twins i(f,3), lengths d(f,3)) -> number of flips; all three are changed */
 static PyObject *flip_all(PyObject *self, PyObject *args)
 {
-    PyObject *o[4], *result = NULL;
+    PyObject *o[3], *result = NULL;
     Arrays a;
-    static const int columns[] = {3, 3, 3, 3};
-    static const char *const names[] = {"faces", "twins", "lengths", "points"};
-    if (!PyArg_ParseTuple(args, "OOOO", &o[0], &o[1], &o[2], &o[3]) || arrays_get(&a, o, "iidd", columns, names, 3) < 0)
+    static const int columns[] = {3, 3, 3};
+    static const char *const names[] = {"faces", "twins", "lengths"};
+    if (!PyArg_ParseTuple(args, "OOO", &o[0], &o[1], &o[2]) || arrays_get(&a, o, "iid", columns, names, 3) < 0)
         return NULL;
     Array *x = a.array;
     Py_ssize_t half_edges = 3 * x[0].rows;
     if (half_edges > INT32_MAX || x[1].rows != x[0].rows || x[2].rows != x[0].rows) {
         PyErr_SetString(PyExc_ValueError, "faces, twins and lengths need the same number of rows, at most 2^31 / 3");
-    } else if (is_triangulation(x[0].data, x[1].data, half_edges, x[3].rows)) {
+    } else if (are_twins(x[1].data, half_edges)) {
         Triangulation mesh = {x[0].data, x[1].data, x[2].data, (int32_t)half_edges};
         uint8_t *waiting = malloc((size_t)half_edges + 1);
         int32_t *stack = malloc(((size_t)half_edges + 1) * sizeof *stack);
         if (waiting && stack) {
             int64_t flips;
             Py_BEGIN_ALLOW_THREADS
-            measure_lengths(&mesh, x[3].data);
             flips = flip_to_delaunay(&mesh, waiting, stack);
             Py_END_ALLOW_THREADS
             result = PyLong_FromLongLong(flips);
@@ -205,7 +230,8 @@ static PyObject *count_delaunay(PyObject *self, PyObject *args)
 }
 
 static PyMethodDef methods[] = {
-    {"flip", flip_all, METH_VARARGS, "Measure edges and flip them until all are Delaunay."},
+    {"measure", measure, METH_VARARGS, "measure(faces, lengths, points)"},
+    {"flip", flip_all, METH_VARARGS, "flip(faces, twins, lengths) -> flips"},
     {"count", count_delaunay, METH_VARARGS, "Count inner edges and Delaunay edges."},
     {NULL, NULL, 0, NULL},
 };

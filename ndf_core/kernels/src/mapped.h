@@ -42,6 +42,27 @@ static inline double bend(const Shape *one, const Shape *two)
     return dot3(one->normal, two->normal) / fmax(one->area * two->area, 1e-300);
 }
 
+/* The sum of the normals of the faces beside h, and its length. */
+static double normal_across(const Triangulation *mesh, int32_t h, double *normal)
+{
+    int32_t g = mesh->twin[h];
+    const double *a = mapped_at(mesh, mesh->corner[h]), *b = mapped_at(mesh, end_of(mesh, h));
+    Shape left = shape_of(a, b, mapped_at(mesh, mesh->corner[previous(h)])), right = {{0, 0, 0}, 0, 0};
+    if (g >= 0) right = shape_of(b, a, mapped_at(mesh, mesh->corner[previous(g)]));
+    for (int k = 0; k < 3; k++) normal[k] = left.normal[k] + right.normal[k];
+    return sqrt(dot3(normal, normal));
+}
+
+/* Distance from the middle of vertices v and w to `point` along the normal. */
+static double height_over(const Triangulation *mesh, int32_t v, int32_t w, const double *point, const double *normal,
+                          double size)
+{
+    const double *p = mapped_at(mesh, v), *q = mapped_at(mesh, w);
+    double height = 0;
+    for (int k = 0; k < 3; k++) height += normal[k] * (point[k] - 0.5 * (p[k] + q[k]));
+    return fabs(height) / fmax(size, 1e-300);
+}
+
 static void measure_mapped(const Triangulation *mesh, double *area, double *longest)
 {
     double square = *area = 0;

@@ -1,6 +1,7 @@
 /* Python binding of remeshing. The state is a capsule; sizes are checked here, and the passes trust them. */
 #include "arrays.h"
 
+#include "measuring.h"
 #include "moving.h"
 #include "splitting.h"
 
@@ -276,6 +277,45 @@ static PyObject *export_arrays(PyObject *self, PyObject *args)
     return result;
 }
 
+/* find_edges(state) -> places, the middle of every edge */
+static PyObject *find_edges(PyObject *self, PyObject *capsule)
+{
+    State *state = state_of(capsule);
+    int done;
+    if (!state) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    done = find_edge_middles(&state->mesh, &state->places);
+    Py_END_ALLOW_THREADS
+    return done ? PyLong_FromLong(state->places.count) : PyErr_NoMemory();
+}
+
+/* measure_edges(state, mapped d(n,3), lengths d(f,3)): `mapped` is where the map takes the places of `find_edges` */
+static PyObject *measure_lengths(PyObject *self, PyObject *args)
+{
+    PyObject *capsule, *o[2], *result = NULL;
+    Arrays a;
+    State *state;
+    static const int columns[] = {3, 3};
+    static const char *const names[] = {"mapped", "lengths"};
+    if (!PyArg_ParseTuple(args, "OOO", &capsule, &o[0], &o[1]) || !(state = state_of(capsule))
+        || arrays_get(&a, o, "dd", columns, names, 2) < 0)
+        return NULL;
+    Array *x = a.array;
+    if (x[0].rows != state->places.count || x[1].rows != state->mesh.faces
+        || state->mesh.used_faces != state->mesh.faces) {
+        PyErr_Format(PyExc_ValueError, "sort the state first; need rows for %d edges and %d faces", state->places.count,
+                     state->mesh.used_faces);
+    } else {
+        Py_BEGIN_ALLOW_THREADS
+        measure_edges(&state->mesh, &state->places, x[0].data, x[1].data);
+        state->places.count = 0;
+        Py_END_ALLOW_THREADS
+        result = Py_NewRef(Py_None);
+    }
+    arrays_release(&a);
+    return result;
+}
+
 /* edges(state, twins i(f,3), homes i(f,3), vectors d(f,6)) */
 static PyObject *edges(PyObject *self, PyObject *args)
 {
@@ -333,6 +373,8 @@ static PyMethodDef methods[] = {
     {"delaunay", delaunay, METH_O, "delaunay(state) -> share of the inner edges"},
     {"sort", sort, METH_O, "sort(state)"},
     {"export", export_arrays, METH_VARARGS, "export(state, faces, point_faces, weights, mapped)"},
+    {"find_edges", find_edges, METH_O, "find_edges(state) -> places"},
+    {"measure_edges", measure_lengths, METH_VARARGS, "measure_edges(state, mapped, lengths)"},
     {"edges", edges, METH_VARARGS, "edges(state, twins, homes, vectors)"},
     {"edit", edit, METH_VARARGS, "edit(state, kind, item) -> done"},
     {NULL, NULL, 0, NULL},
