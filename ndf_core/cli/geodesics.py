@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ndf_core.cli.processing import draw_surface, read_surface, surface_options
+from ndf_core.cli.processing import draw_surface, parse_point, read_surface, surface_options
 from ndf_core.cli.result import Result, as_lines
-from ndf_core.errors import ConfigError
 
 if TYPE_CHECKING:
     from ndf_core.processing.geodesics import GeodesicMethod
@@ -29,10 +28,18 @@ _PICTURE_SIDE = 800
     show_default=True,
     help="heat: within a percent or so, seconds at most; exact: on the triangles, slow beyond 50,000 vertices.",
 )
+@click.option(
+    "--to",
+    "ends",
+    multiple=True,
+    metavar="X,Y,Z",
+    help="Also trace the path from the first source; repeatable.",
+)
 @surface_options
 def command(
     source: Path,
     points: tuple[str, ...],
+    ends: tuple[str, ...],
     method: GeodesicMethod,
     output: Path,
     edge_length: float | None,
@@ -43,20 +50,25 @@ def command(
     A source is the point of the surface closest to the point given, which may lie inside a triangle. Parts of the
     surface without a source are infinitely far away.
     """
-    coordinates = [_point(text) for text in points]
+    coordinates = [parse_point(text) for text in points]
+    targets = [parse_point(text, "--to") for text in ends]
     start = time.perf_counter()
     mesh = read_surface(source, edge_length, output, picture)
 
+    from ndf_core.processing.geodesic_paths import geodesic_path
     from ndf_core.processing.geodesics import geodesic_distances
     from ndf_core.processing.operators import Operators
     from ndf_core.processing.vertex_values import write_vertex_values
     from ndf_core.render import ColorBar, colormap, panels, write_png
 
     ready = time.perf_counter()
-    found = geodesic_distances(Operators.of(mesh.extracted or mesh), coordinates, method)
+    operators = Operators.of(mesh.extracted or mesh)
+    found = geodesic_distances(operators, coordinates, method)
+    paths = [geodesic_path(operators, coordinates[0], target) for target in targets]
     solved = time.perf_counter()
     distances = found.distances
     arrays = {"distances": distances, **{f"source_{name}": value for name, value in found.sources._asdict().items()}}
+    arrays |= {f"path_{i}": path.points for i, path in enumerate(paths)}
     colors = colormap(found.shown, 0.0, found.largest or 1.0)
     write_vertex_values(output, mesh, {"distance": distances}, colors, arrays)
     if picture is not None:
@@ -73,17 +85,8 @@ def command(
         "unreached_vertices": found.unreached_vertices,
         "unreached_components": found.unreached_components,
         "approximated": found.approximated,
+        "path_lengths": [path.length for path in paths],
         "seconds": {"read": ready - start, "solve": solved - ready, "write": time.perf_counter() - solved},
         "notes": mesh.notes,
     }
     return Result(report, f"{output}\n{as_lines(report, '  ')}")
-
-
-def _point(text: str) -> list[float]:
-    try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 3 or not all(abs(number) < float("inf") for number in numbers):
-        raise ConfigError(f"--source {text}: must be three numbers with commas, such as 0.5,0,-1")
-    return numbers

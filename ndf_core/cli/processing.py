@@ -57,6 +57,21 @@ def read_surface(source: Path, edge_length: float | None, output: Path, picture:
     return read_input(source, edge_length, threads=os.cpu_count() or 1)
 
 
+def parse_point(text: str, option: str = "--source") -> list[float]:
+    """Three numbers with commas.
+
+    Raises:
+        ConfigError: it is something else.
+    """
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
+        raise ConfigError(f"{option} {text}: must be three numbers with commas, such as 0.5,0,-1")
+    return numbers
+
+
 def draw_surface(mesh: InputMesh, colors: Array, side: int) -> Array:
     """Picture of the mesh with the colours of its vertices, sRGB, `side` pixels high and wide."""
     from ndf_core.render import render_mesh
