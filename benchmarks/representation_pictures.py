@@ -7,7 +7,7 @@ the surface that no mesh stands between (grids, networks, functions).
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -38,13 +38,13 @@ class Dots(NamedTuple):
     """Whether what faces away is hidden by something in front."""
 
 
-def picture(path: Path, representation: str, mesh: Triangles) -> UInt8[Array, "h w 3"]:
-    """Input and mesh from two sides."""
+def picture(path: Path, representation: str, options: dict[str, Any], mesh: Triangles) -> UInt8[Array, "h w 3"]:
+    """Input, opened with these options, and mesh from two sides."""
     # Splats mostly have y pointing down, scanners, cameras of NeRFs and volumes z pointing up.
     turn = np.diag([1.0, -1.0, -1.0]) if representation == "gaussians" else np.eye(3)
     up = "z" if representation in ("nerf", "grid") else "y"
     vertices, faces = mesh[0] @ turn, mesh[1]
-    source = input_of(path, representation)
+    source = input_of(path, representation, options)
     images: list[UInt8[Array, "h w 3"]] = []
     for view in VIEWS:
         camera = Camera.framing(vertices, view, aspect=WIDTH / HEIGHT, up=up)
@@ -58,7 +58,7 @@ def picture(path: Path, representation: str, mesh: Triangles) -> UInt8[Array, "h
     return panels(images, titles, columns=4)
 
 
-def input_of(path: Path, representation: str) -> Dots | Triangles:
+def input_of(path: Path, representation: str, options: dict[str, Any]) -> Dots | Triangles:
     """What is to be seen of the input."""
     if representation in ("soup", "mesh"):
         raw = read_mesh_file(path)
@@ -74,7 +74,7 @@ def input_of(path: Path, representation: str) -> Dots | Triangles:
         splats = read_splat_file(path)[0]
         shown = splats.take(splats.opacities > OPAQUE)
         return Dots(shown.centres, shown.colours, None, f"{len(shown):,} opaque centres")
-    surface = ndf_core.open(path, repr=representation)
+    surface = ndf_core.open(path, repr=representation, **options)
     assert surface.sample is not None, f"{representation} has no samples to show"
     points, normals = surface.sample(SAMPLES, np.random.default_rng(0))
     return Dots(points, None, normals, "samples of the level set", closed=True)

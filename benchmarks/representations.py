@@ -39,8 +39,8 @@ DATA = HERE.parents[1] / "shared" / "data"
 FOLDERS = ("neural", "grid", "splat", "nerf", "soup", "pointcloud", "mesh")
 NO_SURFACE = ("neural/thingi_95444_empty.h5", "nerf/krrish_fern.ckpt")
 """No zero level set; no closed object. Refusing these is right, as MANIFEST.md says."""
-GIVEN = {"grid/spm152.nii.gz": ["--iso", "22"], "grid/CT_AVM.nii.gz": ["--iso", "230"]}
-"""Options that MANIFEST.md gives."""
+ISO_VALUES = {"grid/spm152.nii.gz": 22, "grid/CT_AVM.nii.gz": 230}
+"""As MANIFEST.md gives them."""
 COLUMNS = (
     "representation", "file", "CPU s", "wall s", "converged", "field to surface: mean, rms",
     "surface to field: mean, rms", "manifold, closed", "genus, components", "folded area", "bytes",
@@ -89,7 +89,7 @@ def main() -> None:
             file.write(f"{json.dumps(dict(sorted(rows.items())), indent=1)}\n".encode())
         print(table({name: row}, header=False), flush=True)
         if options.pictures and "vertices" in row:
-            draw(path, row["representation"], mesh_path(options.assets, name), options.pictures)
+            draw(path, name, row["representation"], mesh_path(options.assets, name), options.pictures)
 
 
 def inputs(data: Path) -> list[Path]:
@@ -107,7 +107,7 @@ def measured(path: Path, name: str, assets: Path, threads: int, limit: float) ->
     asset = mesh_file.with_suffix(".ndf")
     for old in (asset, mesh_file):
         old.unlink(missing_ok=True)
-    words = ["fit", str(path), "-o", str(asset), "--faces", "4000", "--json", *GIVEN.get(name, [])]
+    words = ["fit", str(path), "-o", str(asset), "--faces", "4000", "--json", *iso_words(name)]
     fit = run([*words, *(["--threads", str(threads)] if threads else [])], limit)
     row: dict[str, Any] = {"threads": threads or os.cpu_count(), "wall": round(fit.wall, 1), "cpu": round(fit.cpu, 1)}
     if fit.status:
@@ -119,6 +119,10 @@ def measured(path: Path, name: str, assets: Path, threads: int, limit: float) ->
     if extract.status != 0:
         return row | {"refused": f"extract: {refusal(extract)}", "expected": False}
     return row | {"extract_wall": round(extract.wall, 2)} | extract_figures(json.loads(extract.output), mesh_file)
+
+
+def iso_words(name: str) -> list[str]:
+    return ["--iso", str(ISO_VALUES[name])] if name in ISO_VALUES else []
 
 
 def run(words: list[str], limit: float) -> Run:
@@ -177,7 +181,7 @@ def table(rows: dict[str, Any], header: bool = True) -> str:
 
 
 def cells(name: str, row: dict[str, Any]) -> list[str]:
-    called = " ".join([name.split("/")[1], *GIVEN.get(name, [])])
+    called = " ".join([name.split("/")[1], *iso_words(name)])
     first = [row.get("representation", "-"), called, f"{row['cpu']:.0f}", f"{row['wall']:.0f}"]
     if "refused" in row:
         return [*first, f"{'refused, as is right' if row['expected'] else '**refused**'}: {row['refused']}"]
@@ -193,7 +197,7 @@ def cells(name: str, row: dict[str, Any]) -> list[str]:
     ]
 
 
-def draw(path: Path, representation: str, mesh_file: Path, folder: Path) -> None:
+def draw(path: Path, name: str, representation: str, mesh_file: Path, folder: Path) -> None:
     """Write the PNG of one file."""
     from representation_pictures import picture
 
@@ -202,7 +206,8 @@ def draw(path: Path, representation: str, mesh_file: Path, folder: Path) -> None
     folder.mkdir(parents=True, exist_ok=True)
     mesh = read_mesh_file(mesh_file)
     triangles: tuple[Float[Array, "v 3"], Int[Array, "f 3"]] = (mesh.vertices, mesh.faces.astype(np.int32))
-    write_png(folder / f"{mesh_file.stem}.png", picture(path, representation, triangles))
+    given = {"iso": ISO_VALUES[name]} if name in ISO_VALUES else {}
+    write_png(folder / f"{mesh_file.stem}.png", picture(path, representation, given, triangles))
 
 
 if __name__ == "__main__":
