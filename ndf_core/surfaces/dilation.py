@@ -22,6 +22,8 @@ from ndf_core.base_mesh.crumbs import compact
 from ndf_core.base_mesh.lattice import ScalarField
 from ndf_core.base_mesh.level_set import LevelSetExtractor, LevelSetPolicy
 from ndf_core.interfaces import BaseMesh, BaseMeshExtractor, Remark
+from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.kernels.winding import WindingTree
 from ndf_core.mesh import face_components
 
 CELLS_PER_RADIUS = 2.0
@@ -77,6 +79,39 @@ def offset_surface(points: Float[Array, "n 3"], radius: float, interior: Interio
         message = f"{int((~outer).sum()):,} surfaces inside of others left out: the interior is filled"
         told.append(Remark("filled_interior", message, count=int((~outer).sum())))
     return Offset(vertices, faces, tuple(told))
+
+
+def eroded(offset: Offset, depth: float, threads: int = 1) -> Offset:
+    """The solid inside of an offset surface, less what is nearer to it than `depth`.
+
+    Dilated and then eroded by about as much, points keep what closed them, and lie nearly on the surface: the
+    morphological closing of the points.
+
+    Args:
+        offset: a filled one.
+        depth: input units, less than its radius, so that all points stay inside.
+        threads: for the distances.
+
+    Raises:
+        BaseMeshError: nothing is left, or no manifold mesh can be made.
+
+    Reference: J. Serra, Image Analysis and Mathematical Morphology, 1982.
+    """
+    triangles = TriangleBVH(offset.vertices, offset.faces)
+    winding = WindingTree.of_triangles(offset.vertices, offset.faces)
+
+    def unsigned(queries: Float[Array, "n 3"]) -> Float[Array, " n"]:
+        return np.linalg.norm(triangles.closest(queries, threads)[0] - queries, axis=1)
+
+    def field(queries: Float[Array, "n 3"]) -> Float[Array, " n"]:
+        return depth - np.where(winding.values(queries, threads) > 0.5, 1.0, -1.0) * unsigned(queries)
+
+    bounds = np.stack([offset.vertices.min(axis=0), offset.vertices.max(axis=0)])
+    resolution = int(np.clip(CELLS_PER_RADIUS * float(np.ptp(bounds, axis=0).max()) / depth, COARSEST, FINEST))
+    policy = LevelSetPolicy(resolution=resolution, max_resolution=resolution)
+    vertices, faces, remarks = LevelSetExtractor(field, bounds, lipschitz=1.0, policy=policy).dense()
+    told = [remark for remark in remarks if remark.kind != "topology_not_settled"]
+    return Offset(vertices, faces, (*offset.remarks, *told))
 
 
 def distance_beyond(points: Float[Array, "n 3"], radius: float, limit: float) -> ScalarField:

@@ -7,7 +7,7 @@ import pytest
 
 from ndf_core.base_mesh.checks import check_base_mesh, component_volumes
 from ndf_core.mesh import topology
-from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, offset_surface, sampling_spacing
+from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, eroded, offset_surface, sampling_spacing
 
 
 def sphere(count: int = 3000) -> np.ndarray:
@@ -28,6 +28,15 @@ def test_a_filled_sphere_is_a_ball() -> None:
     check_base_mesh(mesh, euler_characteristic=2, components=1)
     assert len(mesh.faces) <= 500
     assert mesh.remarks[0].kind == "filled_interior"
+
+
+def test_eroded_again_it_lies_near_the_points() -> None:
+    solid = eroded(offset_surface(sphere(), 0.15), 0.12)
+    counts = topology(solid.faces, len(solid.vertices))
+    assert (counts.components, counts.genus) == (1, 0)
+    radius = np.linalg.norm(solid.vertices, axis=1)
+    assert radius.min() > 1.01 and radius.max() < 1.04
+    assert "filled_interior" in [remark.kind for remark in solid.remarks]
 
 
 def test_a_kept_interior_leaves_a_wall_twice_the_radius_thick() -> None:

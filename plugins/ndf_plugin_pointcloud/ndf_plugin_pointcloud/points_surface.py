@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from ndf_core.interfaces import Surface
-from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, offset_surface, sampling_spacing
+from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, eroded, offset_surface, sampling_spacing
 from ndf_core.surfaces.fingerprint import fingerprint
 from ndf_plugin_pointcloud.defaults import POINTS_DEFAULTS
 from ndf_plugin_pointcloud.level_set_mesh import sample_by_landing
@@ -24,6 +24,8 @@ _WIDEST = 0.06
 """Largest radius that is tried, in sizes, or ..."""
 _WIDEST_SPACINGS = 3.0
 """... in spacings, where that is more."""
+_EROSION = 0.7
+"""Of a solid's dilation, in radii: its base mesh then begins near the points, and still closes their gaps."""
 _LIMIT = 3.0
 """Queries farther than so many radii from all points are over a gap."""
 
@@ -74,7 +76,7 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
     projector = ShellProjector(planes, 0.0 if solid else radius, _LIMIT * radius)
     return Surface(
         representation="points",
-        base_mesh=DilationExtractor(offset),
+        base_mesh=DilationExtractor(eroded(offset, _EROSION * radius, threads) if solid else offset),
         projector=projector,
         fingerprint=digest,
         training_defaults=POINTS_DEFAULTS,

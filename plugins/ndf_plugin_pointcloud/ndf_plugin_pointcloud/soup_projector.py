@@ -14,6 +14,8 @@ from ndf_plugin_pointcloud.triangles import Triangles
 
 _ON_EDGE = 1e-9
 """Barycentric coordinates below this count as zero."""
+_UNSURE = 0.25
+"""Queries with w this near to 1/2 may be next to a cap: beside triangles that close up w is about 0 or 1."""
 _AT = 2.0
 """A ray that ends this many tolerances from the closest triangle ends on it."""
 
@@ -21,7 +23,8 @@ _AT = 2.0
 class SoupProjector(LandingProjector):
     """Lands on the closest triangle where w - 1/2 changes sign across it: the paper's ray with its direction made
     exact (App. C.3). Where it does not (inside of intersecting parts), and where the closest point is on the rim of
-    a hole, over which the level set is a cap in free space, the paper's direction is traced; the nearer one counts.
+    a hole, the paper's direction is traced. Over holes the level set is a cap in free space: where w is near 1/2, its
+    gradient is traced too. The nearest landing counts.
     """
 
     def __init__(self, soup: Triangles, tree: WindingTree, tracing: TracingProjector) -> None:
@@ -32,7 +35,8 @@ class SoupProjector(LandingProjector):
             tree: their winding number.
             tracing: the paper's projector.
         """
-        self._tree, self._tracing, self._tolerance = tree, tracing, TOLERANCE * soup.size
+        self._tree, self._tracing = tree, tracing
+        self._size, self._tolerance = soup.size, TOLERANCE * soup.size
         self._triangles = TriangleBVH(soup.vertices, soup.faces)
         vectors = soup.area_vectors
         self._normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
@@ -62,7 +66,34 @@ class SoupProjector(LandingProjector):
             nearer = landed & (np.linalg.norm(points - query[other], axis=1) < np.where(hit, distance, np.inf)[other])
             found[other[nearer]], normals[other[nearer]] = points[nearer], slopes[nearer]
             hit[other[nearer]] = True
+        self._take_caps(query, found, normals, hit, threads)
         return Landing(found, normals, hit)
+
+    def _take_caps(
+        self,
+        query: Float[Array, "n 3"],
+        found: Float[Array, "n 3"],
+        normals: Float[Array, "n 3"],
+        hit: Bool[Array, " n"],
+        threads: int,
+    ) -> None:
+        """Replace landings, in place, by those on caps that are nearer."""
+        w = self._tree.values(query, threads)
+        rows = np.flatnonzero(np.abs(w - 0.5) < _UNSURE)
+        if not len(rows):
+            return
+        here = query[rows]
+        gradients = self._tree.values_and_gradients(here, threads)[1]
+        steepness = np.linalg.norm(gradients, axis=1)
+        safe = np.maximum(steepness, 1e-300)
+        slopes, heights = -gradients / safe[:, None], (0.5 - w[rows]) / safe
+        reaches = np.where(hit[rows], np.linalg.norm(found[rows] - here, axis=1), self._size)
+        steps = np.minimum(np.abs(heights), reaches)
+        way = self._tree.trace(here, slopes, heights, steps, reaches, self._tolerance, threads)
+        nearer = (np.abs(way) < reaches) & (steepness > 0)  # also false for NaN
+        rows, way, slopes = rows[nearer], way[nearer], slopes[nearer]
+        found[rows] = query[rows] + way[:, None] * slopes
+        normals[rows], hit[rows] = slopes, True
 
     def _on_rim(self, face: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Bool[Array, " n"]:
         """Whether the closest point is on an edge with other than two triangles."""

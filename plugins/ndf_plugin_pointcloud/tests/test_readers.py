@@ -202,18 +202,27 @@ def test_lzf_unpacks_references() -> None:
 def test_numbers_that_are_none_are_left_out(tmp_path: Path) -> None:
     rows = BOTH.copy()
     rows[3, 0], rows[4, 1], rows[5, 3] = np.nan, np.inf, np.nan
-    for name in ("ascii.ply", "little.ply", "binary.pcd", "compressed.pcd"):
+    for name in FORMATS:
         cloud = read_point_file(write(tmp_path, FORMATS[name](rows), name))
         assert len(cloud.points) >= 57
         assert "2 points without finite coordinates left out" in cloud.notes
         assert np.isfinite(cloud.points).all() and cloud.normals is not None and np.isfinite(cloud.normals).all()
 
 
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [(np.ones((60, 3)), "1 distinct finite points"), (np.outer(np.arange(60.0), [1, -2, 3]), "on a line")],
+    ids=["equal", "line"],
+)
+def test_points_that_are_equal_or_on_a_line(tmp_path: Path, name: str, rows: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_point_file(write(tmp_path, FORMATS[name](rows), name))
+
+
 def test_clouds_that_are_no_surface(tmp_path: Path) -> None:
     for rows, message in (
         (np.full((60, 3), np.nan), "0 distinct finite points"),
-        (np.ones((60, 3)), "1 distinct finite points"),
-        (np.outer(np.arange(60.0), [1, -2, 3]), "on a line"),
         (np.concatenate([POINTS, np.zeros((60, 3))], axis=1), "normals are zero"),
     ):
         with pytest.raises(InputError, match=message):
