@@ -28,6 +28,7 @@ sys.path.insert(0, str(REPOSITORY / "benchmarks"))
 import representation_pictures as inputs  # noqa: E402  # not a package
 
 STEPS = 600
+inputs.SAMPLES = 40_000
 INPUTS = {
     "analytic": REPOSITORY / "examples" / "shapes" / "teapot.toml",
     "mesh": DATA / "mesh" / "rocker-arm.obj",
@@ -54,7 +55,7 @@ def main() -> None:
             asset = ndf_core.load(kept)
         else:
             asset = ndf_core.fit(ndf_core.open(path, repr=name), steps=STEPS)
-        mesh = asset.extract()
+        mesh = asset.extract(2 * asset.default_edge_length)
         turn = np.diag([1.0, -1.0, -1.0]) if name == "gaussians" else np.eye(3)
         vertices = mesh.vertices @ turn
         size = {"width": inputs.WIDTH, "height": inputs.HEIGHT}
