@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from markdown_blocks import blocks_of
 from ndf_core.cli import main
 from ndf_core.config import resolve
 from ndf_core.config.layers import Layer
+from ndf_core.fitting import pipeline
+from ndf_core.fitting.measure import measure
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = [("index.md", "extend.md"), ("versions.md",), *((f"howto/{path.name}",) for path in DOCS.glob("howto/*.md"))]
@@ -23,8 +26,9 @@ pytestmark = pytest.mark.slow
 def test_the_blocks_of_a_page_run_one_after_another(
     pages: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    short = Layer("recipe of this test", {"steps": 3, "batch": 128, "coverage_every": 0})
-    monkeypatch.setattr(resolve, "recipe_layer", lambda _name: short)
+    short = {"steps": 3, "batch": 128, "coverage_every": 0, "faces": 300, "feature_dim": 4}
+    monkeypatch.setattr(resolve, "recipe_layer", lambda _name: Layer("recipe of this test", short))
+    monkeypatch.setattr(pipeline, "measure", partial(measure, samples=2000))
     monkeypatch.chdir(tmp_path)
     ran = 0
     for page in pages:
