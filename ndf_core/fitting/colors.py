@@ -15,6 +15,7 @@ from ndf_core.interfaces import ColoredPoints, Surface
 _NUMBERS = 20_000
 """Features of all vertices together: with some five bits each, and the network, a field of about 14 KB."""
 _MOST_FEATURES = 16
+_HIDDEN = 48
 _STEPS = 1200
 
 
@@ -43,7 +44,8 @@ def learn_colors(asset: Asset, colored: ColoredPoints, seed: int = 0, threads: i
         feature_dim=features,
         feature_scale=0.3,
         feature_learning_rate=0.2,
-        rounding=0.03,
+        rounding=0.025,
+        hidden=_HIDDEN,
         steps=_STEPS,
         seed=seed,
     )
