@@ -78,7 +78,8 @@ def measure(
 def with_delaunay(entry: dict[str, Any], meshed: Meshed, reference: Reference) -> dict[str, Any]:
     """The same mesh on its intrinsic Delaunay triangulation: the surface, and so its distances, stay."""
     _, flips = timed(lambda: Operators(meshed.vertices, meshed.faces).triangulation)
-    changed = measure(meshed, reference, Operators) | {"method": "marching cubes + intrinsic Delaunay"}
+    changed = measure(meshed, reference, Operators)
+    changed["method"] = "marching cubes + intrinsic Delaunay"
     if "geodesics_error" in entry:
         changed["geodesics_error"] = entry["geodesics_error"]
         changed["seconds"] |= {key: entry["seconds"][key] for key in ("geodesics", "query")}

@@ -1,4 +1,4 @@
-"""Topology of triangle meshes as plain arrays: components, Euler characteristic, manifold checks; numpy only."""
+"""Triangle meshes as plain arrays: components, Euler characteristic, manifold checks, interpolation; numpy only."""
 
 from __future__ import annotations
 
@@ -150,3 +150,10 @@ def _non_manifold_vertices(
     root = _union(len(corner_vertex), np.concatenate(left), np.concatenate(right))
     fans = np.flatnonzero(root == np.arange(len(root)))
     return int((np.bincount(corner_vertex[fans]) > 1).sum()) if used else 0
+
+
+def interpolate(
+    values: Float[Array, "v *k"], corners: Int[Array, "n 3"], weights: Float[Array, "n 3"]
+) -> Float[Array, "n *k"]:
+    """Values on vertices, linear on triangles, at points given by their triangles' corners and weights of these."""
+    return np.einsum("nc...,nc->n...", values[corners], weights)

@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.kernels.delaunay import IntrinsicTriangulation
+from ndf_core.mesh import interpolate
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class ExtractedMesh:
         if len(values) != len(self.vertices):
             raise ValueError(f"values: need {len(self.vertices)} rows, one per vertex, got {len(values)}")
         faces, weights, _ = self.locate(points, threads)
-        return np.einsum("nk,nk...->n...", weights, values[self.faces[faces]])
+        return interpolate(values, self.faces[faces], weights)
 
     @cached_property
     def tree(self) -> TriangleBVH:

@@ -27,7 +27,7 @@ TOLERANCE = 0.01
 """Share of the limit by which a flip or a move may take the mesh farther from the surface."""
 DELAUNAY_SHARE = 0.985
 """Of the exported edges; where the tolerance leaves fewer, larger ones follow."""
-DELAUNAY_TOLERANCES = (TOLERANCE, 0.02, 0.04, math.inf)
+DELAUNAY_TOLERANCES = (TOLERANCE, 0.04, math.inf)
 FLIP_ROUNDS = 3
 """Times that edges are held, and tried again with their middles, in one pass of flips."""
 UNFOLD_ROUNDS = 4

@@ -15,6 +15,7 @@ from ndf_core.errors import InputError
 from ndf_core.extract.intrinsic_delaunay import intrinsic_delaunay
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.kernels.delaunay import IntrinsicTriangulation
+from ndf_core.mesh import interpolate
 from ndf_core.processing.cholesky import Cholesky
 from ndf_core.processing.surface_points import SurfacePoints
 from ndf_core.processing.triangles import areas, corners_in_plane, cotangents, mollified
@@ -210,7 +211,7 @@ class Operators:
 
     def interpolate(self, values: Float[Array, "v *k"], points: SurfacePoints) -> Float[Array, "n *k"]:
         """Values on vertices, linear in between, at points of the mesh (the query of Sec. 3.4)."""
-        return np.einsum("nc...,nc->n...", values[self.faces[points.faces]], points.barycentric)
+        return interpolate(values, self.faces[points.faces], points.barycentric)
 
     @cached_property
     def _tree(self) -> TriangleBVH:
