@@ -115,7 +115,8 @@ class TestGivingUp:
 
     def test_a_loss_that_is_not_finite(self) -> None:
         run = trainer(Altered(SphereProjector(), overflows), steps=100)
-        with pytest.raises(FitError, match=r"the loss is not finite at step \d+ \(projection (inf|nan).*--learning-rate"):
+        message = r"the loss is not finite at step \d+ \(projection (inf|nan).*--learning-rate"
+        with pytest.raises(FitError, match=message):
             run.run(100, lambda: None)
         assert run.step_count <= 64
 
