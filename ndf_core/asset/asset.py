@@ -144,15 +144,19 @@ class Asset:
         """From the box frame to input units, float64."""
         return points.astype(np.float64) * self.content.scale + self.content.center
 
-    def extract(self, edge_length: float | None = None, threads: int = 1) -> ExtractedMesh:
+    def extract(
+        self, edge_length: float | None = None, threads: int = 1, *, measure_edges: bool = True
+    ) -> ExtractedMesh:
         """A triangle mesh of the surface with no edge longer than `edge_length` (input units).
+
+        Without `measure_edges` it is there sooner, and computing on it is as on any flat triangles.
 
         Raises:
             ExtractionError: the edge length is not a positive number, or needs too many vertices.
         """
         from ndf_core.extract.extract import extract_mesh
 
-        return extract_mesh(self, edge_length, threads)
+        return extract_mesh(self, edge_length, threads, measure_edges=measure_edges)
 
     def refine(self, edge_lengths: Iterable[float], threads: int = 1) -> Iterator[ExtractedMesh]:
         """Meshes at decreasing edge lengths, each made from the one before.

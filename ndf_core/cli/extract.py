@@ -47,7 +47,8 @@ def command(asset: Path, output: Path, edge_length: float | None) -> Result:
     check_output(output, _with_plugins(SUFFIXES) if exported else SUFFIXES, asset)
     start = time.perf_counter()
     threads, loaded = os.cpu_count() or 1, Asset.load(asset)
-    mesh = loaded.extract(edge_length, threads)
+    # A file holds flat triangles; an exporter plugin is given all there is.
+    mesh = loaded.extract(edge_length, threads, measure_edges=exported)
     with ThreadPoolExecutor(1) as beside:
         counting = beside.submit(lambda: mesh.self_intersections)
         # An .stl holds none.

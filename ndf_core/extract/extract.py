@@ -12,11 +12,13 @@ from ndf_core.errors import ExtractionError
 from ndf_core.extract.extracted import ExtractedMesh
 from ndf_core.extract.intrinsic_delaunay import intrinsic_delaunay
 from ndf_core.extract.remeshing import MAX_VERTICES, Remeshing, TooFineError
-from ndf_core.kernels.delaunay import delaunay_share
+from ndf_core.kernels.delaunay import delaunay_share, straight_lengths
 from ndf_core.kernels.mesh_check import check_mesh, measure_mesh
 
 
-def extract_mesh(asset: Asset | AssetContent, edge_length: float | None = None, threads: int = 1) -> ExtractedMesh:
+def extract_mesh(
+    asset: Asset | AssetContent, edge_length: float | None = None, threads: int = 1, *, measure_edges: bool = True
+) -> ExtractedMesh:
     """A triangle mesh of the surface, in input units.
 
     Laws: closed and manifold wherever the base mesh is, with its Euler characteristic; no edge is longer than
@@ -27,18 +29,21 @@ def extract_mesh(asset: Asset | AssetContent, edge_length: float | None = None, 
         asset: What to extract from.
         edge_length: Input units; the asset's longest side over 150 where left out.
         threads: For evaluating the field.
+        measure_edges: Measure edges along the surface. Without it `edge_lengths` and `intrinsic` are those of the flat
+            triangles, which is enough for a mesh that is only written or drawn, and sooner.
 
     Raises:
         ExtractionError: the edge length is not a positive number, needs more than 20 million vertices, or the asset's
             field is not finite.
     """
     asset = asset if isinstance(asset, Asset) else Asset(asset)
-    (mesh,) = refine_mesh(asset, [asset.default_edge_length if edge_length is None else edge_length], threads)
+    wanted = [asset.default_edge_length if edge_length is None else edge_length]
+    (mesh,) = refine_mesh(asset, wanted, threads, measure_edges=measure_edges)
     return mesh
 
 
 def refine_mesh(
-    asset: Asset | AssetContent, edge_lengths: Iterable[float], threads: int = 1
+    asset: Asset | AssetContent, edge_lengths: Iterable[float], threads: int = 1, *, measure_edges: bool = True
 ) -> Iterator[ExtractedMesh]:
     """Meshes at edge lengths that do not grow, each refined from the one before.
 
@@ -55,7 +60,7 @@ def refine_mesh(
             raise ExtractionError(f"the edge length {edge_length:g} is larger than the one before, {before:g}")
         before = edge_length
         try:
-            mesh = _extracted(asset, state, edge_length)
+            mesh = _extracted(asset, state, edge_length, measure_edges)
         except TooFineError as error:
             raise ExtractionError(
                 f"the edge length {edge_length:g} needs more than {MAX_VERTICES} vertices; the smallest possible is "
@@ -64,11 +69,14 @@ def refine_mesh(
         yield mesh
 
 
-def _extracted(asset: Asset, state: Remeshing, edge_length: float) -> ExtractedMesh:
+def _extracted(asset: Asset, state: Remeshing, edge_length: float, measure_edges: bool) -> ExtractedMesh:
     """One stage, checked from its vertices and faces alone."""
     now = state.refine(edge_length / asset.content.scale)
     vertices = asset.to_input(now.mapped)
-    lengths = asset.content.scale * state.edge_lengths()
+    if measure_edges:
+        lengths = asset.content.scale * state.edge_lengths()
+    else:
+        lengths = straight_lengths(vertices, now.faces)
     start = time.perf_counter()
     intrinsic = intrinsic_delaunay(vertices, now.faces, lengths)
     flipped = time.perf_counter()

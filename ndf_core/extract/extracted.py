@@ -32,7 +32,7 @@ class ExtractedMesh:
     """float64: its weights there."""
     edge_lengths: Float[Array, "f 3"]
     """float64, input units: `edge_lengths[f, i]` is that of the edge from corner i of face f to the next, measured
-    along the surface: over the field at its middle."""
+    along the surface: over the field at its middle. Of the flat triangles where extraction did not measure edges."""
     intrinsic: IntrinsicTriangulation
     """The intrinsic Delaunay triangulation of these lengths, to compute on: its area, angles and distances are closer
     to the surface's than those of the flat triangles. Input units."""

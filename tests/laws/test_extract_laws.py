@@ -235,6 +235,16 @@ def test_edges_are_measured_along_the_surface() -> None:
     assert abs(Operators.of(extracted).area - true) < 0.5 * abs(flat - true)
 
 
+def test_edges_that_are_not_measured_are_straight() -> None:
+    """The same mesh otherwise, and still with a Delaunay triangulation of its own."""
+    asset = Asset(content_of("torus"))
+    measured, flat = asset.extract(0.1), asset.extract(0.1, measure_edges=False)
+    assert np.array_equal(flat.vertices, measured.vertices) and np.array_equal(flat.faces, measured.faces)
+    assert np.array_equal(flat.edge_lengths, straight_lengths(flat.vertices, flat.faces))
+    assert not np.array_equal(flat.edge_lengths, measured.edge_lengths)
+    assert flat.statistics["delaunay"] == 1
+
+
 def test_a_wildly_rough_field_ends_with_an_error() -> None:
     with pytest.raises(ExtractionError, match="vertices|rough"):
         extract_mesh(with_displacement(content_of("sphere"), 1e20))
