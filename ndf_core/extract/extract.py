@@ -29,8 +29,8 @@ def extract_mesh(
         asset: What to extract from.
         edge_length: Input units; the asset's longest side over 150 where left out.
         threads: For evaluating the field.
-        measure_edges: Measure edges along the surface. Without it `edge_lengths` and `intrinsic` are those of the flat
-            triangles, which is enough for a mesh that is only written or drawn, and sooner.
+        measure_edges: Measure edges along the surface. Without it `edge_lengths` and `intrinsic` are those of the
+            flat triangles, which is enough for a mesh that is only written or drawn, and sooner.
 
     Raises:
         ExtractionError: the edge length is not a positive number, needs more than 20 million vertices, or the asset's
@@ -73,10 +73,7 @@ def _extracted(asset: Asset, state: Remeshing, edge_length: float, measure_edges
     """One stage, checked from its vertices and faces alone."""
     now = state.refine(edge_length / asset.content.scale)
     vertices = asset.to_input(now.mapped)
-    if measure_edges:
-        lengths = asset.content.scale * state.edge_lengths()
-    else:
-        lengths = straight_lengths(vertices, now.faces)
+    lengths = asset.content.scale * state.edge_lengths() if measure_edges else straight_lengths(vertices, now.faces)
     start = time.perf_counter()
     intrinsic = intrinsic_delaunay(vertices, now.faces, lengths)
     flipped = time.perf_counter()
