@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -10,6 +9,8 @@ from typing import Any
 
 def as_json(data: Any) -> str:
     """One line of JSON; numbers that JSON lacks (nan, infinity) become null."""
+    import json  # `ndf --help` needs none
+
     return json.dumps(plain(data), allow_nan=False)
 
 

@@ -89,7 +89,11 @@ def _commands(path: str, command: click.Command) -> Iterator[tuple[str, click.Co
 
 def _help(path: str, command: click.Command) -> str:
     """What `--help` prints, without the sections of options that have a page of their own."""
-    context = click.Context(command, info_name=path, max_content_width=_WIDTH, terminal_width=_WIDTH)
+    # Click keeps the help option of a command as the first context named it: name it as the program does.
+    names = ndf.context_settings["help_option_names"]
+    context = click.Context(
+        command, info_name=path, help_option_names=names, max_content_width=_WIDTH, terminal_width=_WIDTH
+    )
     if isinstance(command, FitCommand):
         context.meta[PLAN] = command._plan(context, ["--help"])  # pyright: ignore[reportPrivateUsage]
     text = command.get_help(context)

@@ -46,18 +46,26 @@ def test_listing_plugins_imports_no_plugin(plugin_maker: PluginMaker) -> None:
     assert not loaded & HEAVY
 
 
+def cpu_seconds(code: str) -> float:
+    """Of a new interpreter that runs `code`."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-P", "-c", code], stdout=subprocess.DEVNULL, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
 def test_help_takes_less_than_100_ms_of_cpu() -> None:
-    """The least of several runs: others may be using the machine."""
-    command = [sys.executable, "-P", "-c", "import sys; from ndf_core.cli import main; sys.exit(main(['--help']))"]
-    seconds: list[float] = []
-    for _ in range(10):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-        if seconds[-1] < 0.1:
+    """The least of several runs, since others may be using the machine. A slow machine shows in bare Python as well:
+
+    one where that took 44 ms took 106 for `ndf --help`. Importing numpy or pydantic alone would take as much again.
+    """
+    least, bare = 9.0, 9.0
+    for _ in range(20):
+        bare = min(bare, cpu_seconds("pass"))
+        least = min(least, cpu_seconds("import sys; from ndf_core.cli import main; sys.exit(main(['--help']))"))
+        if least < max(0.1, 3.2 * bare):
             return
-    raise AssertionError(f"ndf --help takes {min(seconds):.3f} s of CPU")
+    raise AssertionError(f"ndf --help takes {least:.3f} s of CPU, bare Python {bare:.3f} s")
 
 
 def test_a_reader_that_goes_away_is_no_traceback(tmp_path: Path) -> None:
