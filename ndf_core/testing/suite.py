@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,7 +16,7 @@ from ndf_core.testing.run import check_reasons
 from ndf_core.testing.subject import Subject
 
 
-class RepresentationSuite:
+class RepresentationSuite(ABC):
     """Laws of one representation on one source.
 
     class TestHeightmap(RepresentationSuite):
@@ -38,9 +39,9 @@ class RepresentationSuite:
     faces: ClassVar[int] = 300
     """Of the base mesh."""
 
+    @abstractmethod
     def source(self, folder: Path) -> Any:
         """A small source to open; `folder` is empty and of this class alone."""
-        raise NotImplementedError("a suite needs a method source(self, folder) that returns what to open")
 
     def moved(self, source: Any, motion: Motion, folder: Path) -> Any:
         """The same shape under `motion`, as a new source; None where the format cannot express this motion, and

@@ -8,9 +8,9 @@ from small_assets import icosphere, torus
 from solids import sheet
 
 from ndf_core.errors import InputError
-from ndf_core.processing.direction_fields import direction_field
+from ndf_core.processing.direction_fields import DirectionField, direction_field
 from ndf_core.processing.operators import Operators
-from ndf_core.processing.stripes import phase_gradients, stripe_pattern
+from ndf_core.processing.stripes import Stripes, phase_gradients, stripe_pattern
 from ndf_core.processing.tangent_frames import TangentFrames
 
 SPHERE = Operators(*icosphere(4))
@@ -74,10 +74,10 @@ def test_an_aligned_field_follows_and_smoothness_loosens_it() -> None:
     assert np.abs((lines.vectors * wanted).sum(axis=1)).min() > 0.99, "the sign of a line means nothing"
 
 
-def mean_frequency(stripes: object, field: object) -> float:
-    even = (stripes.indices == 0) & ~stripes.branched  # type: ignore[attr-defined]
-    areas = field.frames.areas * even  # type: ignore[attr-defined]
-    return float((phase_gradients(field.frames, stripes.phases) * areas).sum() / areas.sum())  # type: ignore[attr-defined]
+def mean_frequency(stripes: Stripes, field: DirectionField) -> float:
+    even = (stripes.indices == 0) & ~stripes.branched
+    areas = field.frames.areas * even
+    return float((phase_gradients(field.frames, stripes.phases) * areas).sum() / areas.sum())
 
 
 @pytest.mark.parametrize("degree", [1, 2])

@@ -154,7 +154,7 @@ def test_tables_may_be_given_as_mappings_models_or_dotted_keys() -> None:
 
 
 def test_defaults_of_the_config_model_are_valid() -> None:
-    FitConfig.model_validate(FitConfig().model_dump())
+    assert FitConfig.model_validate(FitConfig().model_dump()) == FitConfig()
 
 
 class Renamed(BaseModel):
@@ -170,7 +170,7 @@ def test_a_deprecated_option_warns_with_its_origin_and_only_where_it_is_given() 
         resolve_representation(renamed, {"step": 2.0})
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        resolve_representation(renamed, {"spacing": 2.0})
+        assert resolve_representation(renamed, {"spacing": 2.0}) == Renamed(spacing=2.0)
 
 
 def test_ndf_fit_says_that_an_option_is_deprecated(

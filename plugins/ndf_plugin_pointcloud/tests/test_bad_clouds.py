@@ -37,7 +37,7 @@ CLOUDS = {
 }
 
 
-def opened(make: Callable[[], Surface]) -> None:
+def assert_opens_or_says_why(make: Callable[[], Surface]) -> None:
     """A base mesh that is manifold and can be projected, or one line that says what is wrong."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -55,7 +55,7 @@ def opened(make: Callable[[], Surface]) -> None:
 @pytest.mark.parametrize("name", CLOUDS)
 def test_points(name: str) -> None:
     for config in (PointsConfig(), PointsConfig(orient=True)):
-        opened(lambda config=config: open_points(CLOUDS[name], config))
+        assert_opens_or_says_why(lambda config=config: open_points(CLOUDS[name], config))
 
 
 @pytest.mark.parametrize("name", CLOUDS)
@@ -63,11 +63,11 @@ def test_points(name: str) -> None:
 def test_oriented_points(name: str, normals: np.ndarray) -> None:
     points = CLOUDS[name]
     vectors = np.resize(normals, points.shape)
-    opened(lambda: open_oriented_points((points, vectors), OrientedPointsConfig(resolution=48)))
+    assert_opens_or_says_why(lambda: open_oriented_points((points, vectors), OrientedPointsConfig(resolution=48)))
 
 
 @pytest.mark.parametrize("name", CLOUDS)
 def test_soups(name: str) -> None:
     points = CLOUDS[name]
     faces = np.random.default_rng(1).integers(0, len(points), (6, 3))
-    opened(lambda: open_soup((points, faces), SoupConfig(method="winding", resolution=32)))
+    assert_opens_or_says_why(lambda: open_soup((points, faces), SoupConfig(method="winding", resolution=32)))

@@ -31,7 +31,7 @@ def read(named: dict[str, np.ndarray], **options: Any) -> tuple[Mlp, NetworkDesc
     return assemble(chain, description), description, notes
 
 
-def agree(network: Mlp, reference: Any, scale: float = 1.0) -> None:
+def assert_agree(network: Mlp, reference: Any, scale: float = 1.0) -> None:
     """Values and gradients of the reference, by autograd."""
     points = torch.rand(300, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64) * 2 - 1
     variable = points.clone().requires_grad_(True)
@@ -59,7 +59,7 @@ def test_every_activation_with_its_gradient(name: str) -> None:
     layers = [nn.Linear(3, 16), module, nn.Linear(16, 24), module, nn.Linear(24, 1)]
     reference = nn.Sequential(*layers).double()
     network, _, _ = read(arrays(reference), activation=name, **options)
-    agree(network, lambda x: reference(x)[:, 0])
+    assert_agree(network, lambda x: reference(x)[:, 0])
 
 
 def test_sines_with_a_first_omega() -> None:
@@ -71,7 +71,7 @@ def test_sines_with_a_first_omega() -> None:
         hidden = torch.sin(5.0 * reference[0](x))
         return reference[2](torch.sin(3.0 * reference[1](hidden)))[:, 0]
 
-    agree(read(arrays(reference), activation="sine", omega=3.0, first_omega=5.0)[0], siren)
+    assert_agree(read(arrays(reference), activation="sine", omega=3.0, first_omega=5.0)[0], siren)
     assert read(arrays(reference), preset="siren")[1].omega == 30.0
 
 
@@ -89,7 +89,7 @@ def test_neus_is_recognised_and_computed_as_its_authors_do() -> None:
     assert (description.activation, description.beta) == ("softplus", 100.0)
     assert any("neus" in note for note in notes)
     assert "8 x 64" not in notes[0]  # the layer before the skip is narrower
-    agree(network, reference, scale=1.5)
+    assert_agree(network, reference, scale=1.5)
 
 
 def test_the_names_of_newer_weight_norms_are_known() -> None:
@@ -99,7 +99,7 @@ def test_the_names_of_newer_weight_norms_are_known() -> None:
         *(nn.utils.parametrizations.weight_norm(x) if isinstance(x, nn.Linear) else x for x in layers)
     )
     reference.double()
-    agree(read(arrays(reference))[0], lambda x: reference(x)[:, 0])
+    assert_agree(read(arrays(reference))[0], lambda x: reference(x)[:, 0])
 
 
 @pytest.mark.parametrize("order", ["hidden_first", "input_first"])
@@ -121,7 +121,7 @@ def test_skips_of_both_orders(order: str) -> None:
     named = {f"net.{i}.{k}": v for i, layer in enumerate(layers) for k, v in arrays(layer).items()}
     network, _, notes = read(named, skip_order=order, output_column=1)
     assert "skips at 2" in notes[0]
-    agree(network, reference)
+    assert_agree(network, reference)
 
 
 @pytest.mark.parametrize(("order", "include"), list(itertools.product(["octave", "axis"], [True, False])))
@@ -182,9 +182,9 @@ def test_layers_are_found_transposed_and_in_any_order() -> None:
         "layer_9/kernel:0": named["layers.0.weight"].T,
         "layer_9/bias:0": named["layers.0.bias"],
     }
-    agree(read(turned)[0], reference)
+    assert_agree(read(turned)[0], reference)
     short = {"A0": turned["layer_9/kernel:0"], "A1": turned["layer_10/kernel:0"], "b1": named["layers.2.bias"]}
-    agree(read(short)[0], reference)  # no first bias: zeros
+    assert_agree(read(short)[0], reference)  # no first bias: zeros
 
 
 @pytest.mark.parametrize(
