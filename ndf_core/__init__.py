@@ -10,11 +10,12 @@ Importing this package imports nothing else; `load` and extraction need neither 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
     __version__: str
     from ndf_core.asset.asset import Asset
     from ndf_core.fitting.observer import Observer
@@ -84,6 +85,8 @@ def fit(
         ResumeError: the checkpoint belongs to another run or cannot be read.
         OutputError: `output` cannot be written.
     """
+    from pathlib import Path
+
     from ndf_core.config.resolve import Given, resolve_config
     from ndf_core.fitting.pipeline import run_fit
 
