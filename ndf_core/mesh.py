@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
+
+from ndf_core.annotations import Float, Int
 
 
 @dataclass(frozen=True)

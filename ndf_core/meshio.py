@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int, UInt8
 from ndf_core.errors import OutputError
 from ndf_core.files import atomic_write
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int, UInt8
 from ndf_core.asset.content import AssetContent
 from ndf_core.asset.dense_map import BaseLocator
 from ndf_core.asset.fields import COLOR, FieldEvaluator, decoded

@@ -8,9 +8,9 @@ longest side of the integer box is 3 in the box frame, and its centre is the ori
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int
 from ndf_core.errors import AssetError
 
 BOX_SIDE = 3.0

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
+
+from ndf_core.annotations import Float, Int
 
 
 @dataclass(frozen=True)

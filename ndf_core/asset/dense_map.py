@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int
 from ndf_core.asset.fields import FieldEvaluator
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.mesh import face_normals

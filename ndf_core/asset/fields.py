@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int
 from ndf_core.asset.content import AssetContent, FieldBlock, values_of
 from ndf_core.errors import AssetError
 from ndf_core.kernels.field import FieldArrays, evaluate_field, evaluate_space_field

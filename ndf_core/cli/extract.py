@@ -50,7 +50,7 @@ def command(asset: Path, output: Path, edge_length: float | None) -> Result:
     # A file holds flat triangles; an exporter plugin is given all there is.
     mesh = loaded.extract(edge_length, threads, measure_edges=exported)
     with ThreadPoolExecutor(1) as beside:
-        counting = beside.submit(lambda: mesh.self_intersections)
+        counting = beside.submit(lambda: len(mesh.tree.self_intersections(threads=threads)))
         # An .stl holds none.
         plain = output.suffix.lower() == ".stl"
         colors = None if plain else loaded.colors(mesh.base_faces, mesh.barycentric, threads)

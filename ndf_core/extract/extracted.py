@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.kernels.delaunay import IntrinsicTriangulation
 from ndf_core.mesh import interpolate

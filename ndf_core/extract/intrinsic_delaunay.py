@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int
 from ndf_core.errors import InputError
 from ndf_core.kernels.delaunay import IntrinsicTriangulation, flip_to_delaunay, straight_lengths
 from ndf_core.kernels.mesh_check import check_mesh

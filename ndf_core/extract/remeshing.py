@@ -8,9 +8,9 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int
 from ndf_core.asset.content import AssetContent
 from ndf_core.asset.fields import FieldEvaluator
 from ndf_core.errors import ExtractionError

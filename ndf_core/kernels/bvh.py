@@ -6,9 +6,9 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int
 from ndf_core.kernels import _bvh  # pyright: ignore[reportAttributeAccessIssue]  # compiled, no stub
 
 _LEAST_ROWS_PER_THREAD = 1024
@@ -96,7 +96,7 @@ class TriangleBVH:
         share_rows(run, len(origins), threads)
         return t, faces
 
-    def self_intersections(self, limit: int | None = None) -> Int[Array, "k 2"]:
+    def self_intersections(self, limit: int | None = None, threads: int = 1) -> Int[Array, "k 2"]:
         """Pairs of faces that properly intersect, the smaller index first, in lexicographic order.
 
         Two faces properly intersect when they cross over a length greater than zero, or lie in a common plane and
@@ -111,10 +111,17 @@ class TriangleBVH:
 
         Args:
             limit: stop after this many pairs (which ones depends only on the mesh).
+            threads: faces are shared out over this many threads, unless there is a limit.
         """
         if limit is not None and limit < 0:
             raise ValueError(f"limit: need at least 0, got {limit}")
-        found = _bvh.self_intersections(self._tree, 2**62 if limit is None else limit)
+        parts = threads if limit is None else 1
+
+        def find(part: int) -> bytearray:
+            return _bvh.self_intersections(self._tree, 2**62 if limit is None else limit, part, parts)
+
+        with ThreadPoolExecutor(parts) as pool:
+            found = b"".join(pool.map(find, range(parts)))
         pairs = np.frombuffer(found, dtype=np.int32).reshape(-1, 2)
         return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 

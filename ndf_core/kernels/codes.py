@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Int
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Int
 from ndf_core.kernels import _codes  # pyright: ignore[reportAttributeAccessIssue]  # compiled, no stub
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int
 from ndf_core.kernels import _delaunay  # pyright: ignore[reportAttributeAccessIssue]  # compiled, no stub
 
 

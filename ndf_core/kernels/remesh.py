@@ -7,9 +7,9 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.annotations import Float, Int
 from ndf_core.kernels import _remesh  # pyright: ignore[reportAttributeAccessIssue]  # compiled, no stub
 
 

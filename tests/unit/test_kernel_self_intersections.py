@@ -104,6 +104,7 @@ def test_the_limit_stops_the_search() -> None:
     vertices = np.tile([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], (20, 1))
     tree = TriangleBVH(vertices, np.arange(60).reshape(-1, 3))
     assert len(tree.self_intersections()) == 190
+    assert tree.self_intersections(threads=3).tolist() == tree.self_intersections().tolist()
     assert len(tree.self_intersections(limit=7)) == 7
     assert tree.self_intersections(limit=0).shape == (0, 2)
 

@@ -148,12 +148,14 @@ static PyObject *self_intersections(PyObject *self, PyObject *args)
     (void)self;
     PyObject *capsule;
     long long limit;
-    if (!PyArg_ParseTuple(args, "OL", &capsule, &limit)) return NULL;
+    int part, parts;
+    if (!PyArg_ParseTuple(args, "OLii", &capsule, &limit, &part, &parts)) return NULL;
     const Tree *tree = PyCapsule_GetPointer(capsule, CAPSULE);
     if (!tree) return NULL;
+    if (part < 0 || part >= parts) return PyErr_Format(PyExc_ValueError, "there is no part %d of %d", part, parts);
     PairList list = {.limit = limit};
     Py_BEGIN_ALLOW_THREADS
-    find_pairs(tree, &list);
+    find_pairs(tree, tree->node_count * part / parts, tree->node_count * (part + 1) / parts, &list);
     Py_END_ALLOW_THREADS
     PyObject *result = list.failed ? PyErr_NoMemory()
                                    : PyByteArray_FromStringAndSize((const char *)list.pairs,
@@ -166,7 +168,7 @@ static PyMethodDef methods[] = {
     {"build", build, METH_VARARGS, "build(vertices, faces) -> capsule"},
     {"closest", closest, METH_VARARGS, "closest(tree, queries, points, faces, barycentric)"},
     {"first_hit", first_hit, METH_VARARGS, "first_hit(tree, origins, directions, t, faces)"},
-    {"self_intersections", self_intersections, METH_VARARGS, "self_intersections(tree, limit) -> bytearray of int32"},
+    {"self_intersections", self_intersections, METH_VARARGS, "self_intersections(tree, limit, part, parts) -> bytearray of int32"},
     {NULL, NULL, 0, NULL},
 };
 

@@ -98,11 +98,12 @@ static void leaf_against_tree(const Tree *tree, const Box *boxes, int32_t leaf, 
     }
 }
 
-static void find_pairs(const Tree *tree, PairList *list)
+/* Pairs of the leaves of nodes `first` to `last`, without it, and all leaves after each. */
+static void find_pairs(const Tree *tree, int64_t first, int64_t last, PairList *list)
 {
     Box *boxes = face_boxes(tree);
     if (!boxes) { list->failed = 1; return; }
-    for (int64_t n = 0; n < tree->node_count && !list_full(list); n++)
+    for (int64_t n = first; n < last && !list_full(list); n++)
         for (int i = 0; i < WIDTH; i++) {
             const Node *node = &tree->nodes[n];
             if (node->child[i] >= 0) continue;

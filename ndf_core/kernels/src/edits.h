@@ -114,6 +114,8 @@ static void flip(Triangulation *mesh, int32_t h, const Edge *edge)
     set_edge(mesh, ad, bc, edge);
     if (mesh->outgoing[a] == ad) mesh->outgoing[a] = h;
     if (mesh->outgoing[b] == bc) mesh->outgoing[b] = g;
+    unsettle(mesh, h / 3);
+    unsettle(mesh, g / 3);
 }
 
 static int flip_if_valid(Triangulation *mesh, int32_t h)
@@ -197,6 +199,12 @@ static int32_t split_edge(Triangulation *mesh, int32_t h, const Split *split, co
     mesh->vector[face] = split->second.vector[0];
     link_twins(mesh, h, back);
     link_twins(mesh, face, ahead);
+    unsettle(mesh, h / 3);
+    unsettle(mesh, face / 3);
+    if (g >= 0) {
+        unsettle(mesh, g / 3);
+        unsettle(mesh, back / 3);
+    }
     return m;
 }
 
@@ -212,6 +220,7 @@ static void merge_three(Triangulation *mesh, int32_t h)
     mesh->outgoing[x] = next(h);
     mesh->outgoing[y] = previous(h);
     mesh->outgoing[z] = h;
+    unsettle(mesh, h / 3);
     free_face(mesh, second / 3);
     free_face(mesh, third / 3);
     free_vertex(mesh, v);
@@ -229,6 +238,7 @@ static void merge_two(Triangulation *mesh, int32_t h)
     mesh->outgoing[x] = next(h);
     mesh->outgoing[y] = previous(h);
     mesh->outgoing[z] = h;
+    unsettle(mesh, h / 3);
     free_face(mesh, second / 3);
     free_vertex(mesh, v);
 }
@@ -315,29 +325,32 @@ static int star_sees(const Star *star, Vector shift)
     return 1;
 }
 
-/* Where a vertex gets that moves by `shift` in the plane of its star's face. */
-static int find_shifted(const Triangulation *mesh, int32_t v, const Star *star, Vector shift, Trace *trace,
-                        Point *point)
+typedef struct {
+    Vector vector; /* in the plane of the star's face */
+    Vector turn;   /* from that plane to the one of the face that it leads to */
+} Shift;
+
+/* Where a vertex gets that moves by `shift->vector`, and `shift->turn`. */
+static int find_shifted(const Triangulation *mesh, int32_t v, const Star *star, Shift *shift, Point *point)
 {
     Vector start;
-    return place_in(mesh->surface, &mesh->point[v], star->face, &start)
-        && trace_line(mesh->surface, star->face, start, shift, trace)
-        && point_at(mesh->surface, trace->face, trace->place, point);
+    Trace trace;
+    if (!place_in(mesh->surface, &mesh->point[v], star->face, &start)
+        || !trace_line(mesh->surface, star->face, start, shift->vector, &trace))
+        return 0;
+    shift->turn = trace.motion.turn;
+    return point_at(mesh->surface, trace.face, trace.place, point);
 }
 
 /* Move a vertex to `point`, which the shift leads to, with all its edges. Returns 0, and changes nothing, where an edge
  * cannot be found. */
-static int move_vertex(Triangulation *mesh, int32_t v, const Star *star, Vector shift, const Point *point,
+static int move_vertex(Triangulation *mesh, int32_t v, const Star *star, const Shift *shift, const Point *point,
                        const double *mapped)
 {
     Edge edges[MOST_FACES];
-    Trace trace;
-    Point reached;
-    if (!star_sees(star, shift) || !find_shifted(mesh, v, star, shift, &trace, &reached) || reached.face != point->face
-        || memcmp(reached.weight, point->weight, sizeof reached.weight))
-        return 0;
+    if (!star_sees(star, shift->vector)) return 0;
     for (int i = 0; i < star->count; i++) {
-        Vector vector = times(trace.motion.turn, minus(star->place[i], shift));
+        Vector vector = times(shift->turn, minus(star->place[i], shift->vector));
         const Point *target = &mesh->point[end_of(mesh, star->half_edge[i])];
         if (!find_edge(mesh, point, target, point->face, vector, 0, &edges[i])) return 0;
     }
@@ -345,6 +358,7 @@ static int move_vertex(Triangulation *mesh, int32_t v, const Star *star, Vector 
         set_edge(mesh, star->half_edge[i], mesh->twin[star->half_edge[i]], &edges[i]);
     mesh->point[v] = *point;
     memcpy(mesh->mapped + 3 * (size_t)v, mapped, 3 * sizeof *mapped);
+    for (int i = 0; i < star->count; i++) unsettle(mesh, star->half_edge[i] / 3);
     return 1;
 }
 

@@ -156,6 +156,7 @@ static int64_t flip_waiting(Triangulation *mesh, const Aim *aim, Queue *queue)
     while (queue->count && flips < most) {
         int32_t h = queue->stack[--queue->count];
         queue->state[h] = 0;
+        settle(mesh, h);
         if (!gets_better(mesh, h, aim)) continue;
         if (!is_bent(mesh, h, aim->tolerance)) {
             flips += flip_in(mesh, queue, h);
@@ -167,7 +168,7 @@ static int64_t flip_waiting(Triangulation *mesh, const Aim *aim, Queue *queue)
 }
 
 /* For the edges held, their middles and those of the edges that would replace them. Returns 0 without memory. */
-static int find_middles(const Triangulation *mesh, const Queue *queue, Places *places)
+static int find_middles(Triangulation *mesh, const Queue *queue, Places *places)
 {
     places->count = 0;
     for (int32_t h = 0; h < 3 * mesh->faces; h++) {
@@ -177,7 +178,8 @@ static int find_middles(const Triangulation *mesh, const Queue *queue, Places *p
             || !find_middle(mesh, mesh->corner[h], mesh->home[h], mesh->vector[h], &old)
             || !find_middle(mesh, mesh->corner[previous(h)], edge.home[0], edge.vector[0], &new))
             continue;
-        if (!places_add(places, h, &old, (Vector){0, 0}) || !places_add(places, h, &new, (Vector){0, 0})) return 0;
+        mesh->settled[h] = 0;
+        if (!places_add(places, h, &old, (Shift){0}) || !places_add(places, h, &new, (Shift){0})) return 0;
     }
     return 1;
 }
@@ -188,8 +190,12 @@ static int64_t flip_edges(Triangulation *mesh, const Aim *aim, Places *places)
 {
     Queue queue;
     if (!queue_create(&queue, 3 * mesh->faces)) return -1;
+    if (aim->criterion == SPREAD || mesh->settled_for != (int)aim->criterion || mesh->settled_within != aim->tolerance)
+        memset(mesh->settled, 0, 3 * (size_t)mesh->faces);
+    mesh->settled_for = (int)aim->criterion;
+    mesh->settled_within = aim->tolerance;
     for (int32_t h = 3 * mesh->faces - 1; h >= 0; h--)
-        if (is_edge(mesh, h)) queue_add(mesh, &queue, h);
+        if (!mesh->settled[h] && is_edge(mesh, h)) queue_add(mesh, &queue, h);
     int64_t flips = flip_waiting(mesh, aim, &queue);
     places->aim = *aim;
     if (!find_middles(mesh, &queue, places)) flips = -1;
@@ -211,7 +217,9 @@ static int64_t flip_held_edges(Triangulation *mesh, Places *places, const double
     }
     for (int32_t i = 0; i + 1 < places->count; i += 2, mapped += 6) {
         int32_t h = places->item[i], g = mesh->twin[h];
-        if (changed[h / 3] || changed[g / 3] || !gets_better(mesh, h, &places->aim)) continue;
+        if (changed[h / 3] || changed[g / 3]) continue;
+        settle(mesh, h);
+        if (!gets_better(mesh, h, &places->aim)) continue;
         double normal[3], size = normal_across(mesh, h, normal);
         double before = height_over(mesh, mesh->corner[h], mesh->corner[g], mapped, normal, size);
         double after = height_over(mesh, mesh->corner[previous(h)], mesh->corner[previous(g)], mapped + 3, normal, size);

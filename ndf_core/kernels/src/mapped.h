@@ -91,11 +91,11 @@ typedef struct {
     int32_t count, capacity;
     int32_t *item; /* half-edges or vertices */
     Point *point;
-    Vector *shift; /* of a vertex, in the plane of the face that it is in */
+    Shift *shift; /* of a vertex */
     Aim aim;
 } Places;
 
-static int places_add(Places *places, int32_t item, const Point *point, Vector shift)
+static int places_add(Places *places, int32_t item, const Point *point, Shift shift)
 {
     if (places->count == places->capacity) {
         size_t capacity = places->capacity < 1024 ? 1024 : 2 * (size_t)places->capacity;

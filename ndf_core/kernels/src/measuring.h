@@ -17,7 +17,7 @@ static int find_edge_middles(const Triangulation *mesh, Places *places)
         if (!is_edge(mesh, h)) continue;
         Point middle = mesh->point[mesh->corner[h]];
         find_middle(mesh, mesh->corner[h], mesh->home[h], mesh->vector[h], &middle);
-        if (!places_add(places, h, &middle, (Vector){0, 0})) return 0;
+        if (!places_add(places, h, &middle, (Shift){0})) return 0;
     }
     return 1;
 }

@@ -93,12 +93,11 @@ static int find_moves(const Triangulation *mesh, int folded, double limit, doubl
     if (done && folded) mark_folded(mesh, marks);
     for (int32_t v = 0; done && v < mesh->vertices; v++) {
         Star star;
-        Trace trace;
+        Shift shift;
         Point point;
         if (marks[v] != folded || mesh->outgoing[v] < 0 || !find_star(mesh, v, &star)) continue;
-        Vector shift;
-        if (find_shift(mesh, v, &star, folded, tolerance, &shift) && star_sees(&star, shift)
-            && find_shifted(mesh, v, &star, shift, &trace, &point))
+        if (find_shift(mesh, v, &star, folded, tolerance, &shift.vector) && star_sees(&star, shift.vector)
+            && find_shifted(mesh, v, &star, &shift, &point))
             done = places_add(places, v, &point, shift);
     }
     free(marks);
@@ -173,8 +172,9 @@ static int stays_good(const Triangulation *mesh, int32_t v, const Star *star, co
             beyond[i] = shape_of(mapped_at(mesh, mesh->corner[t]), mapped_at(mesh, end_of(mesh, t)),
                                  mapped_at(mesh, mesh->corner[previous(t)]));
     }
-    StarShape before = star_shape(mesh, star, mapped_at(mesh, v), beyond);
     StarShape after = star_shape(mesh, star, position, beyond);
+    if (after.quality >= GOOD_SHAPE && after.bend >= CREASE) return 1;
+    StarShape before = star_shape(mesh, star, mapped_at(mesh, v), beyond);
     return after.quality >= fmin(before.quality, GOOD_SHAPE) && after.bend >= fmin(before.bend, CREASE);
 }
 
@@ -187,8 +187,8 @@ static int64_t move_vertices(Triangulation *mesh, Places *places, const double *
         Star star;
         int32_t v = places->item[i];
         if (find_star(mesh, v, &star) && stays_good(mesh, v, &star, position, places->aim.limit)
-            && !strays(mesh, v, &star, position, places->shift[i], places->aim.tolerance))
-            moves += move_vertex(mesh, v, &star, places->shift[i], &places->point[i], position);
+            && !strays(mesh, v, &star, position, places->shift[i].vector, places->aim.tolerance))
+            moves += move_vertex(mesh, v, &star, &places->shift[i], &places->point[i], position);
     }
     places->count = 0;
     return moves;

@@ -54,7 +54,7 @@ static int find_long_edges(const Triangulation *mesh, double limit, int along, P
             || !find_middle(mesh, mesh->corner[h], mesh->home[h], mesh->vector[h], &middle))
             ++*refused;
         else
-            done = places_add(places, h, &middle, (Vector){0, 0});
+            done = places_add(places, h, &middle, (Shift){0});
     }
     free(marks);
     return done;

@@ -17,6 +17,9 @@ typedef struct {
     int32_t face_capacity, vertex_capacity;
     int32_t *corner, *twin, *home;         /* by half-edge; corner NONE in a freed face */
     Vector *vector;                        /* by half-edge, in the plane of its home */
+    uint8_t *settled;                      /* by half-edge: passes of flips looked at it, and its faces did not change */
+    int settled_for;                       /* the criterion of these passes, and their tolerance */
+    double settled_within;
     Point *point;                          /* by vertex */
     double *mapped;                        /* by vertex: three coordinates */
     int32_t *outgoing;                     /* by vertex: a half-edge that leaves it; NONE if freed */
@@ -71,6 +74,20 @@ static void move_half_edge(Triangulation *mesh, int32_t to, int32_t from)
     link_twins(mesh, to, mesh->twin[from]);
 }
 
+/* Let passes of flips look again at the edges of a face. */
+static void unsettle(Triangulation *mesh, int32_t face)
+{
+    for (int32_t h = 3 * face; h < 3 * face + 3; h++) {
+        mesh->settled[h] = 0;
+        if (mesh->twin[h] >= 0) mesh->settled[mesh->twin[h]] = 0;
+    }
+}
+
+static void settle(Triangulation *mesh, int32_t h)
+{
+    mesh->settled[h] = mesh->settled[mesh->twin[h]] = 1;
+}
+
 /* ---- slots ---- */
 
 static int32_t new_face(Triangulation *mesh)
@@ -115,6 +132,7 @@ static void triangulation_free(Triangulation *mesh)
     free(mesh->twin);
     free(mesh->home);
     free(mesh->vector);
+    free(mesh->settled);
     free(mesh->point);
     free(mesh->mapped);
     free(mesh->outgoing);
@@ -143,7 +161,8 @@ static int triangulation_reserve(Triangulation *mesh, int64_t more)
     if (done && faces > mesh->face_capacity) {
         size_t count = 3 * (size_t)faces;
         done = resize((void **)&mesh->corner, count, 4) && resize((void **)&mesh->twin, count, 4)
-            && resize((void **)&mesh->home, count, 4) && resize((void **)&mesh->vector, count, sizeof(Vector));
+            && resize((void **)&mesh->home, count, 4) && resize((void **)&mesh->vector, count, sizeof(Vector))
+            && resize((void **)&mesh->settled, count, 1);
         mesh->face_capacity = done ? (int32_t)faces : mesh->face_capacity;
     }
     return done;
@@ -157,6 +176,7 @@ static int triangulation_create(Triangulation *mesh, const Surface *surface, int
     mesh->faces = mesh->used_faces = surface->faces;
     mesh->vertices = mesh->used_vertices = vertices;
     memset(mesh->border, 0, (size_t)vertices);
+    memset(mesh->settled, 0, 3 * (size_t)surface->faces);
     for (int32_t h = 0; h < 3 * surface->faces; h++) {
         int32_t v = surface->corners[h];
         mesh->corner[h] = v;
@@ -214,7 +234,8 @@ static int sort_faces(Triangulation *mesh, int32_t *order, int32_t *number, int3
     return reorder((void **)&mesh->corner, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->corner)
         && reorder((void **)&mesh->twin, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->twin)
         && reorder((void **)&mesh->home, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->home)
-        && reorder((void **)&mesh->vector, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->vector);
+        && reorder((void **)&mesh->vector, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->vector)
+        && reorder((void **)&mesh->settled, order, mesh->faces, mesh->face_capacity, 3);
 }
 
 /* After `sort_faces`: every face is in use. */
