@@ -79,7 +79,7 @@ class FitCommand(click.Command):
         choice = None
         if name:
             spec = load(name)
-        elif "help" in seen or (source := self._source(ctx, args, fit, taken)) is None:
+        elif self._helps(ctx) in seen or (source := self._source(ctx, args, fit, taken)) is None:
             spec = None
         else:
             choice = choose(source)
@@ -87,6 +87,11 @@ class FitCommand(click.Command):
         layers = fit_layers(spec, Given({"recipe": seen["fit_recipe"]} if "fit_recipe" in seen else {}), file)
         fit = option_group(FitConfig, "Fit options", taken, "fit", merge(FitConfig, layers).values)
         return Plan(fit, _theirs(spec, fit, taken) if spec else None, spec, choice, file)
+
+    def _helps(self, ctx: click.Context) -> str:
+        """click's name for the value of ``--help``."""
+        option = self.get_help_option(ctx)
+        return "" if option is None else str(option.name)
 
     def _source(self, ctx: click.Context, args: Sequence[str], fit: OptionGroup, taken: frozenset[str]) -> str | None:
         """INPUT, which can be told from the value of an option only when all plugins' options are known."""

@@ -6,6 +6,8 @@ import sys
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+from ndf_core.lines import one_line
+
 
 class TrainingProgress(NamedTuple):
     """Where the training stands; the losses are means since the last report."""
@@ -82,14 +84,10 @@ class Observers(Observer):
                 getattr(observer, event)(value)
             except (Exception, SystemExit) as error:
                 self._observers.remove(observer)
-                self._report(f"the observer {type(observer).__name__} failed and is left out: {_one_line(error)}")
+                self._report(f"the observer {type(observer).__name__} failed and is left out: {one_line(error)}")
 
     def _report(self, text: str) -> None:
         if self._observers:
             self.message(text)
         else:
             print(text, file=sys.stderr)
-
-
-def _one_line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"

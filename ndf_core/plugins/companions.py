@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ndf_core import api
 from ndf_core.errors import ConfigError, NdfError, OutputError, PluginError
 from ndf_core.files import atomic_write
+from ndf_core.lines import one_line
 from ndf_core.names import nearest
 from ndf_core.plugins.contract import target_fault, version_fault
 from ndf_core.plugins.discovery import EXPORTERS, OBSERVERS, Entry, entries
-from ndf_core.plugins.guard import SECONDS, ForeignFailure, guarded, one_line
+from ndf_core.plugins.guard import SECONDS, ForeignFailure, guarded
 from ndf_core.plugins.loading import ask_for
 
 if TYPE_CHECKING:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+from importlib.util import find_spec
 from typing import Any
 
 from ndf_core.errors import PluginError
+from ndf_core.plugins.child import run_child
 from ndf_core.plugins.discovery import claims
 from ndf_core.plugins.source import check_source
 
@@ -31,16 +31,13 @@ def check_conformance(name: str, source: str | None, seconds: float = CONFORMANC
     (entry, *_) = claims(name)
     if source is not None:
         check_source(source)
-    command = [sys.executable, "-P", "-m", "ndf_core.testing.probe"]
-    asked = json.dumps({"name": name, "source": source})
+    if find_spec("torch") is None:
+        raise PluginError(f"--repr {name}: checking its laws needs torch: pip install 'ndf-core[fit]'")
+    where = f"--repr {name}: checking {entry.origin}"
+    done = run_child("ndf_core.testing.probe", [name, *([] if source is None else [source])], seconds)
+    if done.status is None:
+        raise PluginError(f"{where} did not finish within {seconds:g} s; give a smaller source")
     try:
-        done = subprocess.run(command, input=asked, capture_output=True, text=True, timeout=seconds)
-    except subprocess.TimeoutExpired:
-        message = f"--repr {name}: checking {entry.origin} did not finish within {seconds:g} s; give a smaller source"
-        raise PluginError(message) from None
-    try:
-        return json.loads(done.stdout)
+        return json.loads(done.output)
     except ValueError:
-        last = done.stderr.strip().rpartition("\n")[2]
-        message = f"--repr {name}: checking {entry.origin} ended the interpreter (exit status {done.returncode})"
-        raise PluginError(f"{message}: {last}" if last else message) from None
+        raise PluginError(f"{where} ended the interpreter {done.cause}") from None

@@ -15,7 +15,7 @@ from ndf_core import api
 from ndf_core.config.fields import nested, table_model
 from ndf_core.config.fit import FitConfig
 from ndf_core.config.layers import Layer, merge
-from ndf_core.plugins.guard import one_line
+from ndf_core.lines import one_line
 
 Rule = Callable[[api.RepresentationSpec, str], str | None]
 """Of a spec and the name of its entry point."""
@@ -31,7 +31,7 @@ def api_version_is_spoken(spec: api.RepresentationSpec, name: str) -> str | None
 
 def version_fault(version: object) -> str | None:
     """The same for a spec of any kind."""
-    if version == api.API_VERSION:
+    if type(version) is int and version == api.API_VERSION:  # True is 1 as well
         return None
     newer = isinstance(version, int) and version > api.API_VERSION
     advice = "upgrade ndf-core" if newer else "upgrade the plugin"

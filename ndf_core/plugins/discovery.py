@@ -10,6 +10,7 @@ from functools import lru_cache
 from importlib.metadata import Distribution, distributions, version
 
 from ndf_core.errors import RepresentationError
+from ndf_core.lines import one_line, plain_line
 from ndf_core.names import nearest
 
 GROUP, EXPORTERS, OBSERVERS = "ndf.representations", "ndf.exporters", "ndf.observers"
@@ -118,16 +119,17 @@ def _claims(group: str) -> Iterator[Entry]:
         try:
             points = [point for point in distribution.entry_points if point.group == group]
         except Exception as error:
-            cause = f"entry_points.txt cannot be read: {type(error).__name__}: {error}"
+            cause = f"entry_points.txt cannot be read: {one_line(error)}"
             yield Entry(name, "", name, number, cause, group)
             continue
-        yield from (Entry(point.name, point.value, name, number, group=group) for point in points)
+        for point in points:
+            yield Entry(plain_line(point.name), plain_line(point.value), name, number, group=group)
 
 
 def _identity(distribution: Distribution) -> tuple[str, str]:
     """Name and version; placeholders where the METADATA file lacks them."""
     metadata = distribution.metadata.json
-    return str(metadata.get("name") or "unnamed"), str(metadata.get("version") or "0")
+    return plain_line(str(metadata.get("name") or "unnamed")), plain_line(str(metadata.get("version") or "0"))
 
 
 def _canonical(name: str) -> str:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from threading import Thread
 from typing import Generic, TypeVar
 
+from ndf_core.lines import one_line
+
 T = TypeVar("T")
 
 SECONDS = 20.0
@@ -56,10 +58,3 @@ def guarded(call: Callable[[], T], what: str, seconds: float | None = SECONDS) -
     if outcome.error is not None:
         raise ForeignFailure(f"{what} failed: {one_line(outcome.error)}") from outcome.error
     return outcome.value  # pyright: ignore[reportReturnType]  # set when there is no error
-
-
-def one_line(error: BaseException, width: int = 300) -> str:
-    """Type and message of an exception on one line."""
-    text = " ".join(str(error).split())
-    name = type(error).__name__
-    return (f"{name}: {text}" if text else name)[:width]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import EntryPoint
 from typing import Any, TypeVar
@@ -10,8 +11,9 @@ import pluggy
 
 from ndf_core import api
 from ndf_core.errors import PluginError
+from ndf_core.plugins.checking import probe
 from ndf_core.plugins.contract import RULES
-from ndf_core.plugins.discovery import Entry, claims, entries
+from ndf_core.plugins.discovery import OWNERS, Entry, claims, entries
 from ndf_core.plugins.guard import SECONDS, ForeignFailure, guarded
 
 T = TypeVar("T")
@@ -46,12 +48,18 @@ def load_entry(entry: Entry, seconds: float = SECONDS) -> api.RepresentationSpec
 
 @lru_cache(maxsize=1)
 def load_usable() -> tuple[list[api.RepresentationSpec], list[str]]:
-    """All specs that can be had, and one line for each that cannot; tried once per process."""
+    """All specs that can be had, and one line for each that cannot; tried once per process.
+
+    Nobody asked for these plugins, so one of a stranger, which could end the interpreter, is first imported in a
+    process of its own.
+    """
     specs: list[api.RepresentationSpec] = []
     broken: list[str] = []
+    strangers = [entry for entry in entries() if entry.distribution not in OWNERS.values()]
+    causes = dict(zip(strangers, probe(strangers, "light", SECONDS, at_once=8), strict=True))
     for entry in entries():
         try:
-            specs.append(load_entry(entry))
+            specs.append(load_entry(replace(entry, error=causes.get(entry, entry.error))))
         except PluginError as error:
             broken.append(str(error))
     return specs, broken

@@ -11,8 +11,9 @@ from pydantic import BaseModel
 
 from ndf_core.api import RepresentationSpec
 from ndf_core.errors import InputError, NdfError, PluginError
+from ndf_core.lines import one_line
 from ndf_core.plugins.discovery import entries
-from ndf_core.plugins.guard import ForeignFailure, guarded, one_line
+from ndf_core.plugins.guard import ForeignFailure, guarded
 from ndf_core.plugins.source import check_source
 
 if TYPE_CHECKING:  # interfaces imports torch, which `ndf plugins --check` must survive without

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from ndf_core.plugins.guard import one_line
+from ndf_core.lines import one_line
 from ndf_core.testing.subject import Subject
 
 

@@ -1,4 +1,4 @@
-"""The process behind ``ndf plugins --check NAME SOURCE``: reads what to check as JSON, prints outcomes as JSON."""
+"""The process behind `ndf_core.plugins.conformance`: ``... NAME [SOURCE]`` prints what the checks find as JSON."""
 
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ from ndf_core.testing.run import run_checks
 from ndf_core.testing.subject import Subject
 
 
-def main() -> None:
-    """Run all checks on the name and source that stdin gives. What foreign code prints goes to stderr."""
+def main(name: str, source: str | None = None) -> None:
+    """Run all checks. What foreign code prints goes to stderr."""
     answer = os.dup(1)
     os.dup2(2, 1)
-    asked = json.load(sys.stdin)
     with tempfile.TemporaryDirectory() as folder:
-        outcomes = run_checks(Subject(asked["name"], asked["source"], Path(folder)))
+        outcomes = run_checks(Subject(name, source, Path(folder)))
     os.write(answer, json.dumps([asdict(outcome) for outcome in outcomes]).encode())
     os._exit(0)  # a thread that hangs, or an atexit of foreign code, must not hold the answer back
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

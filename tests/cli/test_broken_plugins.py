@@ -9,6 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from ndf_core.cli import main
+from ndf_core.plugins import checking
+from ndf_core.plugins.discovery import entries
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -21,19 +25,28 @@ CAUSES = {
     "hangs": "did not finish within 5 s",
     "dies": "importing it ended the interpreter (exit status 7)",
     "crashes": "importing it ended the interpreter (exit status -11)",
-    "exits": "SystemExit",
+    "exits": "SystemExit: bye",
+    "shouts": "RuntimeError: in ?[31mred and two lines",
+    "mute": "importing third_party_mute failed: Mute",
+    "floods": "importing it ended the interpreter (exit status 3): xxx",
+    "no-module": "No module named 'no_such_module'",
+    "Odd?[31m name": "its name must be lower-case letters, digits and hyphens",
+    "forks": None,
     "no-model": "config must be a pydantic model class, not <class 'dict'>",
     "no-opener": "No module named 'third_party_no_opener_open'",
     "prints": None,
     "fine": None,
 }
+SECONDS = 5.0
+
+
+def breaking(line: str) -> dict[str, str]:
+    """What `PluginMaker.add` replaces, so that the entry module runs `line` first."""
+    return {"from pathlib": f"{line}\nfrom pathlib"}
 
 
 @pytest.fixture
 def installed(plugin_maker: PluginMaker) -> PluginMaker:
-    def breaking(line: str) -> dict[str, str]:
-        return {"from pathlib": f"{line}\nfrom pathlib"}
-
     plugin_maker.add("import-error", replace=breaking("import no_such_module"))
     plugin_maker.add("wrong-version", replace={"api_version=1": "api_version=99"})
     plugin_maker.add("too-old", replace={"api_version=1": "api_version=0"})
@@ -56,19 +69,34 @@ def by_name(done: subprocess.CompletedProcess[str]) -> dict[str, dict[str, Any]]
     return {state["name"]: state for state in json.loads(done.stdout)}
 
 
-def test_check_explains_each_in_one_line_even_a_hang_and_a_crash(installed: PluginMaker) -> None:
-    def breaking(line: str) -> dict[str, str]:
-        return {"from pathlib": f"{line}\nfrom pathlib"}
-
+def test_check_explains_each_in_one_line_even_a_hang_and_a_crash(
+    installed: PluginMaker, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     installed.add("hangs", replace=breaking("import time; time.sleep(600)"))
     installed.add("dies", replace=breaking("import os; os._exit(7)"))
     installed.add("crashes", replace=breaking("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"))
+    installed.add("floods", replace=breaking("import os; os.write(2, b'x' * 10**7); os._exit(3)"))
+    installed.add("forks", replace=breaking("import subprocess; subprocess.Popen(['sleep', '30'])"))
+    installed.add("shouts", replace=breaking("raise RuntimeError('in \\x1b[31mred\\nand two lines')"))
+    silent = "class Mute(Exception):\n    def __str__(self):\n        return 1 / 0\nraise Mute"
+    installed.add("mute", replace=breaking(silent))
+    for name, entry in {
+        "no-module": "no-module = no_such_module",
+        "odd": "Odd\x1b[31m name = third_party_odd",
+    }.items():
+        installed.add(name)
+        (info,) = installed.folder.glob(f"third_party_{name.replace('-', '_')}-*")
+        (info / "entry_points.txt").write_text(f"[ndf.representations]\n{entry}\n")
     installed.add("no-opener")
     (installed.folder / "third_party_no_opener_open.py").unlink()
-    states = by_name(ndf("plugins", "--check", "--timeout", "5", "--json"))
+    entries.cache_clear()
+    ours = [entry for entry in entries() if not entry.distribution.startswith("ndf-plugin-")]
+    monkeypatch.setattr(checking, "entries", lambda _group: ours)  # ndf's own would take half a minute
+    assert main(["plugins", "--check", "--timeout", str(SECONDS), "--json"]) == 0
+    states = {state["name"]: state for state in json.loads(capfd.readouterr().out)}
     for name, cause in CAUSES.items():
         error = states[name]["error"]
-        assert states[name]["distribution"] == f"third-party-{name}"
+        assert states[name]["distribution"] == f"third-party-{name.partition('?')[0].lower()}"
         assert states[name]["version"] == "1.0"
         if cause is None and error is None:
             assert states[name]["status"] == "ok"
@@ -77,8 +105,22 @@ def test_check_explains_each_in_one_line_even_a_hang_and_a_crash(installed: Plug
         else:
             assert states[name]["status"] == "broken"
             assert cause in error, name
-            assert "\n" not in error
+            assert error.isprintable()
+            assert len(error) < 400
     assert states["clash"]["error"].startswith("the name clashes with clash-")
+
+
+def test_help_imports_no_plugin_and_looking_at_a_file_survives_all_of_them(
+    installed: PluginMaker, tmp_path: Path
+) -> None:
+    installed.add("dies", replace=breaking("import os; os._exit(7)"))
+    assert ndf("fit", "--help").stdout.startswith("Usage: ndf fit")
+    (tmp_path / "x.blob").write_text("fine, but bad")
+    done = ndf("fit", str(tmp_path / "x.blob"), "-o", str(tmp_path / "x.ndf"))
+    assert done.returncode == 3, done.stderr
+    assert "not asked: --repr dies: the plugin third-party-dies 1.0 cannot be used: importing it ended" in done.stderr
+    assert "read as fine: starts with the word fine" in done.stderr
+    assert done.stderr.splitlines()[-1] == f"error: {tmp_path / 'x.blob'}: is bad"
 
 
 def test_listing_and_the_other_commands_work_beside_them(installed: PluginMaker, tmp_path: Path) -> None:
