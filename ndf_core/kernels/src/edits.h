@@ -58,7 +58,7 @@ static int find_edge(const Triangulation *mesh, const Point *origin, const Point
     Vector start;
     Trace trace;
     double size = length(vector);
-    scale = fmin(fmax(scale, size), MOST_SCALE * size);
+    scale = smaller(larger(scale, size), MOST_SCALE * size);
     if (!(size > 0) || !place_in(mesh->surface, origin, face, &start)
         || !trace_line(mesh->surface, face, start, vector, &trace)
         || !arrives(mesh->surface, &trace, target, TOLERANCE * scale))
@@ -94,7 +94,7 @@ static int find_flip(const Triangulation *mesh, int32_t h, Edge *edge)
     Vector a = {0, 0}, b = {base, 0}, c = apex_over(mesh, h, base), d = conjugate(apex(base,
         length(mesh->vector[next(g)]), length(mesh->vector[previous(g)])));
     Vector along = minus(d, c);
-    double least = LEAST_ALTITUDE * fmax(inner(along, along), base * base);
+    double least = LEAST_ALTITUDE * larger(inner(along, along), base * base);
     if (!(cross(along, minus(b, c)) > least && cross(minus(a, c), along) > least)) return 0;
     int32_t top = mesh->corner[previous(h)], bottom = mesh->corner[previous(g)];
     if (top == bottom || are_neighbours(mesh, top, bottom)) return 0;
@@ -320,7 +320,7 @@ static int star_sees(const Star *star, Vector shift)
     for (int i = 0; i < star->count; i++) {
         Vector p = minus(star->place[i], shift), q = minus(star->place[(i + 1) % star->count], shift);
         double side = inner(minus(q, p), minus(q, p));
-        if (!(cross(p, q) > LEAST_ALTITUDE * fmax(side, fmax(inner(p, p), inner(q, q))))) return 0;
+        if (!(cross(p, q) > LEAST_ALTITUDE * larger(side, larger(inner(p, p), inner(q, q))))) return 0;
     }
     return 1;
 }

@@ -23,10 +23,10 @@ static int keeps_smooth(const Triangulation *mesh, int32_t h, const Shape *left,
         if (t < 0) continue;
         Shape beyond = shape_of(mapped_at(mesh, mesh->corner[t]), mapped_at(mesh, end_of(mesh, t)),
                                 mapped_at(mesh, mesh->corner[previous(t)]));
-        sharpest = fmin(sharpest, bend(before[i], &beyond));
-        sharper = fmin(sharper, bend(after[i], &beyond));
+        sharpest = smaller(sharpest, bend(before[i], &beyond));
+        sharper = smaller(sharper, bend(after[i], &beyond));
     }
-    return gain > 0 ? sharper >= sharpest + gain : sharper >= fmin(sharpest, CREASE);
+    return gain > 0 ? sharper >= sharpest + gain : sharper >= smaller(sharpest, CREASE);
 }
 
 /* Share of the inner edges whose opposite angles in space add up to pi at most. */
@@ -110,10 +110,12 @@ static int is_bent(const Triangulation *mesh, int32_t h, double tolerance)
 
 #define WAITING 1 /* on the stack */
 #define HELD 2    /* better flipped, but that would move the surface */
+#define LISTED 4  /* among those that were held at some time */
 
 typedef struct {
-    uint8_t *state; /* by half-edge */
-    int32_t *stack, count;
+    uint8_t *state;        /* by half-edge */
+    int32_t *stack, count; /* those that wait; from its end backwards, those listed */
+    int32_t size, listed;
 } Queue;
 
 static void queue_free(Queue *queue)
@@ -124,7 +126,8 @@ static void queue_free(Queue *queue)
 
 static int queue_create(Queue *queue, int32_t half_edges)
 {
-    *queue = (Queue){calloc((size_t)half_edges + 1, 1), malloc(((size_t)half_edges + 1) * sizeof *queue->stack), 0};
+    *queue = (Queue){calloc((size_t)half_edges + 1, 1), malloc(((size_t)half_edges + 1) * sizeof *queue->stack), 0,
+                     half_edges, 0};
     if (queue->state && queue->stack) return 1;
     queue_free(queue);
     return 0;
@@ -133,9 +136,15 @@ static int queue_create(Queue *queue, int32_t half_edges)
 static void queue_add(const Triangulation *mesh, Queue *queue, int32_t h)
 {
     int32_t g = mesh->twin[h];
-    if (g < 0 || queue->state[h] == WAITING || queue->state[g] == WAITING) return;
-    queue->state[h] = WAITING;
+    if (g < 0 || ((queue->state[h] | queue->state[g]) & WAITING)) return;
+    queue->state[h] = (queue->state[h] & LISTED) | WAITING;
     queue->stack[queue->count++] = h;
+}
+
+static void queue_hold(Queue *queue, int32_t h)
+{
+    if (!(queue->state[h] & LISTED)) queue->stack[queue->size - ++queue->listed] = h;
+    queue->state[h] = LISTED | HELD;
 }
 
 /* Flip h, and look at the four edges around it again. */
@@ -155,13 +164,13 @@ static int64_t flip_waiting(Triangulation *mesh, const Aim *aim, Queue *queue)
     int64_t flips = 0, most = 30 * (int64_t)mesh->faces;
     while (queue->count && flips < most) {
         int32_t h = queue->stack[--queue->count];
-        queue->state[h] = 0;
+        queue->state[h] &= LISTED;
         settle(mesh, h);
         if (!gets_better(mesh, h, aim)) continue;
         if (!is_bent(mesh, h, aim->tolerance)) {
             flips += flip_in(mesh, queue, h);
-        } else if (queue->state[mesh->twin[h]] != HELD) {
-            queue->state[h] = HELD;
+        } else if (!(queue->state[mesh->twin[h]] & HELD)) {
+            queue_hold(queue, h);
         }
     }
     return flips;
@@ -171,10 +180,11 @@ static int64_t flip_waiting(Triangulation *mesh, const Aim *aim, Queue *queue)
 static int find_middles(Triangulation *mesh, const Queue *queue, Places *places)
 {
     places->count = 0;
-    for (int32_t h = 0; h < 3 * mesh->faces; h++) {
+    for (int32_t i = 1; i <= queue->listed; i++) {
+        int32_t h = queue->stack[queue->size - i];
         Edge edge;
         Point old, new;
-        if (queue->state[h] != HELD || !gets_better(mesh, h, &places->aim) || !find_flip(mesh, h, &edge)
+        if (!(queue->state[h] & HELD) || !gets_better(mesh, h, &places->aim) || !find_flip(mesh, h, &edge)
             || !find_middle(mesh, mesh->corner[h], mesh->home[h], mesh->vector[h], &old)
             || !find_middle(mesh, mesh->corner[previous(h)], edge.home[0], edge.vector[0], &new))
             continue;

@@ -39,7 +39,7 @@ static Shape shape_of(const double *p, const double *q, const double *r)
 /* The product of two faces' unit normals. */
 static inline double bend(const Shape *one, const Shape *two)
 {
-    return dot3(one->normal, two->normal) / fmax(one->area * two->area, 1e-300);
+    return dot3(one->normal, two->normal) / larger(one->area * two->area, 1e-300);
 }
 
 /* The sum of the normals of the faces beside h, and its length. */
@@ -60,7 +60,7 @@ static double height_over(const Triangulation *mesh, int32_t v, int32_t w, const
     const double *p = mapped_at(mesh, v), *q = mapped_at(mesh, w);
     double height = 0;
     for (int k = 0; k < 3; k++) height += normal[k] * (point[k] - 0.5 * (p[k] + q[k]));
-    return fabs(height) / fmax(size, 1e-300);
+    return fabs(height) / larger(size, 1e-300);
 }
 
 static void measure_mapped(const Triangulation *mesh, double *area, double *longest)
@@ -70,7 +70,7 @@ static void measure_mapped(const Triangulation *mesh, double *area, double *long
         if (mesh->corner[h] < 0) continue;
         const double *p = mapped_at(mesh, mesh->corner[h]), *q = mapped_at(mesh, mesh->corner[h + 1]);
         *area += 0.5 * shape_of(p, q, mapped_at(mesh, mesh->corner[h + 2])).area;
-        for (int i = 0; i < 3; i++) square = fmax(square, mapped_square(mesh, h + i));
+        for (int i = 0; i < 3; i++) square = larger(square, mapped_square(mesh, h + i));
     }
     *longest = sqrt(square);
 }

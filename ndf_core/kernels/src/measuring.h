@@ -28,13 +28,13 @@ static double arc_length(const Triangulation *mesh, int32_t h, const double *mid
 {
     double normal[3], size = normal_across(mesh, h, normal), chord = sqrt(mapped_square(mesh, h));
     double height = height_over(mesh, mesh->corner[h], end_of(mesh, h), middle, normal, size);
-    return fmin(chord + EXCESS * height * height / fmax(chord, 1e-300), MOST_BENT * chord);
+    return smaller(chord + EXCESS * height * height / larger(chord, 1e-300), MOST_BENT * chord);
 }
 
 /* Its shorter sides less the longest. */
 static double slack(const double *sides)
 {
-    return sides[0] + sides[1] + sides[2] - 2 * fmax(sides[0], fmax(sides[1], sides[2]));
+    return sides[0] + sides[1] + sides[2] - 2 * larger(sides[0], larger(sides[1], sides[2]));
 }
 
 /* Give edges of faces that would be too thin their chords, until all faces are triangles about as before. */

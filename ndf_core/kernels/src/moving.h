@@ -28,7 +28,7 @@ static void creases_add(Creases *creases, double tilt, Vector place)
         most[1] = tilt;
         creases->place[1] = place;
     } else {
-        most[2] = fmax(most[2], tilt);
+        most[2] = larger(most[2], tilt);
     }
 }
 
@@ -119,10 +119,10 @@ static StarShape star_shape(const Triangulation *mesh, const Star *star, const d
             int k = i + 1 < star->count ? i + 1 : 0;
             shape = shape_of(position, mapped_at(mesh, end_of(mesh, star->half_edge[i])),
                              mapped_at(mesh, end_of(mesh, star->half_edge[k])));
-            result.quality = fmin(result.quality, shape.area / fmax(shape.squares, 1e-300));
-            if (beyond[i].area >= 0) result.bend = fmin(result.bend, bend(&shape, &beyond[i]));
+            result.quality = smaller(result.quality, shape.area / larger(shape.squares, 1e-300));
+            if (beyond[i].area >= 0) result.bend = smaller(result.bend, bend(&shape, &beyond[i]));
         }
-        if (i > 0) result.bend = fmin(result.bend, bend(&shape, &before));
+        if (i > 0) result.bend = smaller(result.bend, bend(&shape, &before));
         if (i == 0) first = shape;
         before = shape;
     }
@@ -141,7 +141,7 @@ static double distance_from_star(const Triangulation *mesh, const Star *star, co
                                mapped_at(mesh, end_of(mesh, star->half_edge[k])));
         double height = 0;
         for (int c = 0; c < 3; c++) height += shape.normal[c] * (point[c] - position[c]);
-        return fabs(height) / fmax(shape.area, 1e-300);
+        return fabs(height) / larger(shape.area, 1e-300);
     }
     return 0;
 }
@@ -175,7 +175,7 @@ static int stays_good(const Triangulation *mesh, int32_t v, const Star *star, co
     StarShape after = star_shape(mesh, star, position, beyond);
     if (after.quality >= GOOD_SHAPE && after.bend >= CREASE) return 1;
     StarShape before = star_shape(mesh, star, mapped_at(mesh, v), beyond);
-    return after.quality >= fmin(before.quality, GOOD_SHAPE) && after.bend >= fmin(before.bend, CREASE);
+    return after.quality >= smaller(before.quality, GOOD_SHAPE) && after.bend >= smaller(before.bend, CREASE);
 }
 
 /* Move the vertices whose faces do not get worse by it. Returns their number. */

@@ -39,12 +39,14 @@ static void mark_along(const Triangulation *mesh, uint8_t *marks, int32_t face)
  * middle and those that are too short on the surface already. */
 static int find_long_edges(const Triangulation *mesh, double limit, int along, Places *places, int32_t *refused)
 {
-    size_t half_edges = 3 * (size_t)mesh->faces;
-    uint8_t *marks = malloc(half_edges + 1);
+    uint8_t *marks = calloc(3 * (size_t)mesh->faces + 1, 1);
     int done = marks != NULL;
     places->count = *refused = 0;
     for (int32_t h = 0; done && h < 3 * mesh->faces; h++)
-        marks[h] = mesh->corner[h] >= 0 && mapped_square(mesh, h) > limit * limit;
+        if (is_edge(mesh, h) && mapped_square(mesh, h) > limit * limit) {
+            marks[h] = 1;
+            if (mesh->twin[h] >= 0) marks[mesh->twin[h]] = 1;
+        }
     for (int32_t h = 0; done && along && h < 3 * mesh->faces; h += 3)
         if (marks[h] || marks[h + 1] || marks[h + 2]) mark_along(mesh, marks, h / 3);
     for (int32_t h = 0; done && h < 3 * mesh->faces; h++) {

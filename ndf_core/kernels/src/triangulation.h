@@ -18,6 +18,7 @@ typedef struct {
     int32_t *corner, *twin, *home;         /* by half-edge; corner NONE in a freed face */
     Vector *vector;                        /* by half-edge, in the plane of its home */
     uint8_t *settled;                      /* by half-edge: passes of flips looked at it, and its faces did not change */
+    int sorted;                            /* as `triangulation_sort` left it */
     int settled_for;                       /* the criterion of these passes, and their tolerance */
     double settled_within;
     Point *point;                          /* by vertex */
@@ -74,9 +75,10 @@ static void move_half_edge(Triangulation *mesh, int32_t to, int32_t from)
     link_twins(mesh, to, mesh->twin[from]);
 }
 
-/* Let passes of flips look again at the edges of a face. */
+/* A face has changed: let passes of flips look again at its edges. */
 static void unsettle(Triangulation *mesh, int32_t face)
 {
+    mesh->sorted = 0;
     for (int32_t h = 3 * face; h < 3 * face + 3; h++) {
         mesh->settled[h] = 0;
         if (mesh->twin[h] >= 0) mesh->settled[mesh->twin[h]] = 0;
@@ -258,11 +260,13 @@ static int sort_vertices(Triangulation *mesh, int32_t *order, int32_t *number, i
  * and no slot is free. Returns 0 without memory: then the mesh is only good for being freed. */
 static int triangulation_sort(Triangulation *mesh)
 {
+    if (mesh->sorted) return 1;
     size_t most = (size_t)(mesh->faces > mesh->vertices ? mesh->faces : mesh->vertices) + 1;
     int32_t *order = malloc(most * sizeof *order), *number = malloc(most * sizeof *number);
     int32_t *starts = malloc(((size_t)mesh->surface->faces + 1) * sizeof *starts);
     int done = order && number && starts && sort_faces(mesh, order, number, starts)
         && sort_vertices(mesh, order, number, starts);
+    mesh->sorted = done;
     free(order);
     free(number);
     free(starts);

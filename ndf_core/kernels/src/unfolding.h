@@ -13,6 +13,10 @@ static inline int32_t previous(int32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
 
 /* ---- the plane, its vectors as complex numbers ---- */
 
+/* fmax and fmin are calls, since they have to mind what is no number. */
+static inline double larger(double a, double b) { return a > b ? a : b; }
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+
 typedef struct {
     double x, y;
 } Vector;
@@ -75,7 +79,7 @@ static int relaxed_lengths(Surface *surface, const double *positions, double *le
     if (!(total < 1e150)) return -1;
     double least = total > 0 ? LEAST_SLACK * total / half_edges : 1;
     for (int32_t h = 0; h < half_edges; h++)
-        missing = fmax(missing, least - (lengths[next(h)] + lengths[previous(h)] - lengths[h]));
+        missing = larger(missing, least - (lengths[next(h)] + lengths[previous(h)] - lengths[h]));
     for (int32_t h = 0; h < half_edges; h++) lengths[h] += missing;
     surface->size = half_edges > 0 ? total / half_edges + missing : 1;
     return 0;
@@ -85,7 +89,7 @@ static int relaxed_lengths(Surface *surface, const double *positions, double *le
 static inline Vector apex(double base, double left, double right)
 {
     double x = 0.5 * (base + (left - right) * (left + right) / base);
-    return (Vector){x, sqrt(fmax((left - x) * (left + x), 0))};
+    return (Vector){x, sqrt(larger((left - x) * (left + x), 0))};
 }
 
 static void lay_out(Surface *surface, const double *lengths)
@@ -206,7 +210,7 @@ static int32_t first_exit(const Surface *surface, int32_t face, Vector p, const 
     weights_at(surface, face, p, p_weight);
     for (int k = 0; k < 3; k++) {
         if (q_weight[k] >= OUTSIDE) continue;
-        double inside = fmax(p_weight[k], 0), when = inside / (inside - q_weight[k]);
+        double inside = larger(p_weight[k], 0), when = inside / (inside - q_weight[k]);
         if (when < soonest) {
             soonest = when;
             exit = 3 * face + (k + 1) % 3; /* the edge opposite corner k */
