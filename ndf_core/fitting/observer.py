@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ndf_core.lines import one_line
+
+SLOW_SECONDS, SLOW_SHARE = 5.0, 0.05
+"""An observer that took more seconds than this, and more of the time since the start, is called slow."""
 
 
 class TrainingProgress(NamedTuple):
@@ -24,7 +28,7 @@ class TrainingProgress(NamedTuple):
 
 @runtime_checkable
 class Observer(Protocol):
-    """Receives the progress of a fit. Every method is called from the thread that runs the fit.
+    """Receives the progress of a fit, one call at a time; the fit waits for each. All calls come from one thread.
 
     A subclass need not write every method: those left out do nothing.
     """
@@ -51,10 +55,12 @@ class Silent(Observer):
 
 class Observers(Observer):
     """Several at once. One that fails is reported once, to the others, and is not called again: no observer stops a
-    fit."""
+    fit. One that holds it up is reported once."""
 
     def __init__(self, observers: Iterable[Observer] = ()) -> None:
         self._observers = list(observers)
+        self._begin = time.perf_counter()
+        self._spent = {id(observer): 0.0 for observer in self._observers}  # seconds, of those not found slow yet
 
     @staticmethod
     def of(observer: Observer | None) -> Observers:
@@ -80,14 +86,31 @@ class Observers(Observer):
 
     def _tell(self, event: str, value: Any) -> None:
         for observer in list(self._observers):
+            before = time.perf_counter()
             try:
                 getattr(observer, event)(value)
             except (Exception, SystemExit) as error:
                 self._observers.remove(observer)
-                self._report(f"the observer {type(observer).__name__} failed and is left out: {one_line(error)}")
+                self._report(f"the observer {_title(observer)} failed and is left out: {one_line(error)}")
+            else:
+                self._weigh(observer, time.perf_counter() - before)
+
+    def _weigh(self, observer: Observer, seconds: float) -> None:
+        if id(observer) not in self._spent:
+            return
+        self._spent[id(observer)] += seconds
+        spent = self._spent[id(observer)]
+        if spent > SLOW_SECONDS and spent > SLOW_SHARE * (time.perf_counter() - self._begin):
+            del self._spent[id(observer)]
+            self._report(f"the observer {_title(observer)} holds the fit up: {spent:.3g} s so far (said once)")
 
     def _report(self, text: str) -> None:
         if self._observers:
             self.message(text)
         else:
             print(text, file=sys.stderr)
+
+
+def _title(observer: Observer) -> str:
+    """The name that the user asked for, where there is one."""
+    return str(getattr(observer, "title", type(observer).__name__))

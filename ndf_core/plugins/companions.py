@@ -65,7 +65,7 @@ def export(path: Path, mesh: ExtractedMesh, colors: Array | None = None) -> None
 
 
 def open_observers(wanted: Sequence[str]) -> list[Observer]:
-    """Observers from ``NAME`` or ``NAME:TARGET`` each.
+    """Observers from ``NAME`` or ``NAME:TARGET`` each, every one in a thread of its own.
 
     Raises:
         ConfigError: there is none of this name.
@@ -77,8 +77,10 @@ def open_observers(wanted: Sequence[str]) -> list[Observer]:
 def _observer(name: str, target: str) -> Observer:
     entry = _claim(OBSERVERS, name)
     open_it = companion(entry)
+    from ndf_core.fitting.observer_thread import InThread
+
     try:
-        return open_it(target or None)
+        return InThread(name, lambda: open_it(target or None))
     except NdfError:
         raise
     except (Exception, SystemExit) as error:

@@ -127,8 +127,11 @@ def _claims(group: str) -> Iterator[Entry]:
 
 
 def _identity(distribution: Distribution) -> tuple[str, str]:
-    """Name and version; placeholders where the METADATA file lacks them."""
-    metadata = distribution.metadata.json
+    """Name and version; placeholders where the METADATA file lacks them or cannot be read."""
+    try:
+        metadata = distribution.metadata.json
+    except Exception:
+        metadata = {}
     return plain_line(str(metadata.get("name") or "unnamed")), plain_line(str(metadata.get("version") or "0"))
 
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from threading import Thread
 from typing import Generic, TypeVar
 
-from ndf_core.lines import one_line
+from ndf_core.errors import NdfError
+from ndf_core.lines import one_line, plain_line
 
 T = TypeVar("T")
 
@@ -55,6 +56,8 @@ def guarded(call: Callable[[], T], what: str, seconds: float | None = SECONDS) -
                 raise ForeignFailure(f"{what} did not finish within {seconds:g} s")
     if isinstance(outcome.error, KeyboardInterrupt):
         raise outcome.error
+    if isinstance(outcome.error, NdfError):  # says all that there is to say
+        raise ForeignFailure(plain_line(str(outcome.error))) from outcome.error
     if outcome.error is not None:
         raise ForeignFailure(f"{what} failed: {one_line(outcome.error)}") from outcome.error
     return outcome.value  # pyright: ignore[reportReturnType]  # set when there is no error

@@ -90,3 +90,10 @@ def test_the_listing_shows_what_is_not_installed_with_its_pip_line(
 ) -> None:
     assert main(["plugins"]) == 0
     assert "waves              not installed: pip install ndf-plugin-waves" in capfd.readouterr().out.splitlines()
+
+
+def test_unreadable_metadata_are_told_as_a_plugin_without_a_name(plugin_maker: PluginMaker) -> None:
+    plugin_maker.add("blob")
+    (metadata,) = plugin_maker.folder.glob("*.dist-info/METADATA")
+    metadata.write_bytes(b"Name: \xe9\xff\n")
+    assert [entry.origin for entry in found("blob")] == ["unnamed 0"]
