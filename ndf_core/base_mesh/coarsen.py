@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from ndf_core.base_mesh.checks import check_base_mesh, longest_side
 from ndf_core.base_mesh.intersections import intersecting_area, intersection_remark, self_intersections
 from ndf_core.base_mesh.split import even_edge_length, split_long_edges
+from ndf_core.base_mesh.thickness import thin_weights
 from ndf_core.base_mesh.untangle import untangle
 from ndf_core.errors import BaseMeshError
 from ndf_core.interfaces import BaseMesh, Remark
@@ -93,9 +94,10 @@ def _not_reached(reached: int, max_faces: int) -> Remark:
 def _without_new_intersections(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], max_faces: int) -> BaseMesh:
     """Decimate; where the result runs through itself and the input does not, untangle it, or decimate again with more
     faces there."""
-    weights, attempts = np.ones(len(vertices)), list[tuple[int, BaseMesh]]()
+    edge = even_edge_length(vertices, faces, max_faces)
+    weights, attempts = thin_weights(vertices, faces, edge), list[tuple[int, BaseMesh]]()
     inherited: Int[Array, " n"] | None = None
-    thinnest = min(THIN, THIN_EVEN * even_edge_length(vertices, faces, max_faces) / longest_side(vertices))
+    thinnest = min(THIN, THIN_EVEN * edge / longest_side(vertices))
     while len(attempts) < (RETRIES if inherited is None or not len(inherited) else 1):
         result = decimate(vertices, faces, max_faces, weights=weights, altitude=thinnest)
         points, pairs = result.vertices, self_intersections(result.vertices, result.faces)

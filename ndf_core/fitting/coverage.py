@@ -30,9 +30,11 @@ from ndf_core.kernels.bvh import TriangleBVH
 _TRIANGLES = 20_000
 """Size of the mesh that finds the closest mapped points, before `closest_base_points` removes its chord error."""
 _FAR = 8.0
-"""Uncovered is what is farther from the map than this many times the map's rms distance from the surface."""
+"""Uncovered is what is farther from the map than this many times the map's rms distance from the surface ..."""
+_FAR_EDGES = 1 / 16
+"""... or than this share of an edge of the base mesh: where the whole map is poor, holes are no better for it."""
 _LEAST_FAR = 1e-5
-"""... and than this, in the box: exact fits need no pulls."""
+"""It is also farther than this, in the box: exact fits need no pulls."""
 _WEIGHT = 4
 """Samples that each pull counts for."""
 _MOST_ROWS = 16
@@ -49,8 +51,7 @@ class Coverage:
     def __init__(self, geometry: BaseGeometry, projector: BoxProjector, config: FitConfig, threads: int) -> None:
         self._geometry, self._projector, self._config, self._threads = geometry, projector, config, threads
         self._due = config.coverage_every if config.coverage_every else config.steps + 1
-        # A look takes about as many projections as a step does.
-        self._candidates = max(1, config.batch // config.projection_visits)
+        self._candidates = config.batch
         self._none = self._anchors(torch.zeros(0, dtype=torch.int64), torch.zeros(0, 3), torch.zeros(0, 3))
         self.pulls = self._none
 
@@ -165,7 +166,7 @@ def _surface_points(
     rms = float((found.points - queries)[:stay].square().sum(1).mean().sqrt())
     known = found.converged & found.normals.any(dim=1)
     known[:stay] = False
-    return _Seen(found.points[known], found.normals[known], max(_FAR * rms, _LEAST_FAR))
+    return _Seen(found.points[known], found.normals[known], max(min(_FAR * rms, _FAR_EDGES * edge), _LEAST_FAR))
 
 
 def closest_base_points(
