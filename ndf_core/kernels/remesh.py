@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -11,6 +12,10 @@ from numpy import ndarray as Array
 
 from ndf_core.annotations import Float, Int
 from ndf_core.kernels import _remesh  # pyright: ignore[reportAttributeAccessIssue]  # compiled, no stub
+
+
+_FACES_AT_A_TIME = 1 << 17
+"""Edges are measured in so many faces at once; memory that is used again costs less than new memory."""
 
 
 class BasePoints(NamedTuple):
@@ -172,22 +177,23 @@ class RemeshKernel:
         _remesh.export(self._state, result.faces, *result.points, result.mapped)
         return result
 
-    def find_edges(self) -> BasePoints:
-        """The middle of every edge, for `edge_lengths`."""
-        self.sort()
-        return self._places(_remesh.find_edges(self._state))
-
-    def edge_lengths(self, mapped: Float[Array, "n 3"]) -> Float[Array, "f 3"]:
+    def edge_lengths(self, evaluate: Callable[[BasePoints], Float[Array, "n 3"]]) -> Float[Array, "f 3"]:
         """Lengths of the half-edges along the mapped surface, in the order of `triangulation`.
 
         Laws: an edge has one length, at least its straight one and at most 1.15 times that. Edges of faces that would
         be no triangles have their straight ones.
 
         Args:
-            mapped: Where the map takes the points of `find_edges`.
+            evaluate: The map. It is asked about the middles of the edges, some at a time.
         """
-        lengths = np.empty((_remesh.size(self._state)[1], 3))
-        _remesh.measure_edges(self._state, np.ascontiguousarray(mapped, dtype=np.float64), lengths)
+        self.sort()
+        faces = _remesh.size(self._state)[1]
+        lengths = np.empty((faces, 3))
+        for first in range(0, faces, _FACES_AT_A_TIME):
+            middles = self._places(_remesh.find_edges(self._state, first, min(first + _FACES_AT_A_TIME, faces)))
+            mapped = np.ascontiguousarray(evaluate(middles), dtype=np.float64)
+            _remesh.measure_edges(self._state, mapped, lengths)
+        _remesh.keep_triangles(self._state, lengths)
         return lengths
 
     def half_edges(self) -> HalfEdges:

@@ -189,7 +189,7 @@ static int find_middles(Triangulation *mesh, const Queue *queue, Places *places)
             || !find_middle(mesh, mesh->corner[previous(h)], edge.home[0], edge.vector[0], &new))
             continue;
         mesh->settled[h] = 0;
-        if (!places_add(places, h, &old, (Shift){0}) || !places_add(places, h, &new, (Shift){0})) return 0;
+        if (!places_add(places, h, &old) || !places_add(places, h, &new)) return 0;
     }
     return 1;
 }

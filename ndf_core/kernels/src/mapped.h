@@ -91,22 +91,21 @@ typedef struct {
     int32_t count, capacity;
     int32_t *item; /* half-edges or vertices */
     Point *point;
-    Shift *shift; /* of a vertex */
+    Shift *shift; /* only of vertices that move */
+    int32_t shift_capacity;
     Aim aim;
 } Places;
 
-static int places_add(Places *places, int32_t item, const Point *point, Shift shift)
+static int places_add(Places *places, int32_t item, const Point *point)
 {
     if (places->count == places->capacity) {
         size_t capacity = places->capacity < 1024 ? 1024 : 2 * (size_t)places->capacity;
         if (capacity > INT32_MAX || !resize((void **)&places->item, capacity, sizeof *places->item)
-            || !resize((void **)&places->point, capacity, sizeof *places->point)
-            || !resize((void **)&places->shift, capacity, sizeof *places->shift))
+            || !resize((void **)&places->point, capacity, sizeof *places->point))
             return 0;
         places->capacity = (int32_t)capacity;
     }
     places->item[places->count] = item;
-    places->shift[places->count] = shift;
     places->point[places->count++] = *point;
     return 1;
 }

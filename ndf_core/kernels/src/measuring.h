@@ -8,16 +8,16 @@
 #define MOST_BENT 1.15       /* arc over chord beyond which three points do not tell the arc */
 #define LEAST_SLACK_KEPT 0.5 /* of a face: its two shorter sides less the longest, over that of the chords */
 
-/* Middles of all edges, each by the larger of its half-edges; an edge without a middle gets its first end. Returns 0
- * without memory. */
-static int find_edge_middles(const Triangulation *mesh, Places *places)
+/* Middles of the edges, each by the larger of its half-edges, that are in faces `first` to `last`, without it; an edge
+ * without a middle gets its first end. Returns 0 without memory. */
+static int find_edge_middles(const Triangulation *mesh, int32_t first, int32_t last, Places *places)
 {
     places->count = 0;
-    for (int32_t h = 0; h < 3 * mesh->faces; h++) {
+    for (int32_t h = 3 * first; h < 3 * last; h++) {
         if (!is_edge(mesh, h)) continue;
         Point middle = mesh->point[mesh->corner[h]];
         find_middle(mesh, mesh->corner[h], mesh->home[h], mesh->vector[h], &middle);
-        if (!places_add(places, h, &middle, (Shift){0})) return 0;
+        if (!places_add(places, h, &middle)) return 0;
     }
     return 1;
 }
@@ -56,7 +56,7 @@ static void keep_triangles(const Triangulation *mesh, double *lengths)
     }
 }
 
-/* The length of every half-edge along the surface; `mapped` has the middles found. No slot may be free. */
+/* Lengths along the surface of the half-edges whose middles were found; `mapped` has these. No slot may be free. */
 static void measure_edges(const Triangulation *mesh, const Places *places, const double *mapped, double *lengths)
 {
     for (int32_t i = 0; i < places->count; i++) {
@@ -64,7 +64,6 @@ static void measure_edges(const Triangulation *mesh, const Places *places, const
         lengths[h] = arc_length(mesh, h, mapped + 3 * (size_t)i);
         if (g >= 0) lengths[g] = lengths[h];
     }
-    keep_triangles(mesh, lengths);
 }
 
 #endif

@@ -83,6 +83,17 @@ static void mark_folded(const Triangulation *mesh, uint8_t *marks)
     }
 }
 
+static int places_add_move(Places *places, int32_t v, const Point *point, Shift shift)
+{
+    if (!places_add(places, v, point)) return 0;
+    if (places->shift_capacity < places->capacity) {
+        if (!resize((void **)&places->shift, (size_t)places->capacity, sizeof *places->shift)) return 0;
+        places->shift_capacity = places->capacity;
+    }
+    places->shift[places->count - 1] = shift;
+    return 1;
+}
+
 /* Places for the vertices that may move, all or those beside folds. Returns 0 without memory. */
 static int find_moves(const Triangulation *mesh, int folded, double limit, double tolerance, Places *places)
 {
@@ -98,7 +109,7 @@ static int find_moves(const Triangulation *mesh, int folded, double limit, doubl
         if (marks[v] != folded || mesh->outgoing[v] < 0 || !find_star(mesh, v, &star)) continue;
         if (find_shift(mesh, v, &star, folded, tolerance, &shift.vector) && star_sees(&star, shift.vector)
             && find_shifted(mesh, v, &star, &shift, &point))
-            done = places_add(places, v, &point, shift);
+            done = places_add_move(places, v, &point, shift);
     }
     free(marks);
     return done;

@@ -277,19 +277,23 @@ static PyObject *export_arrays(PyObject *self, PyObject *args)
     return result;
 }
 
-/* find_edges(state) -> places, the middle of every edge */
-static PyObject *find_edges(PyObject *self, PyObject *capsule)
+/* find_edges(state, first, last) -> places, the middles of the edges in these faces */
+static PyObject *find_edges(PyObject *self, PyObject *args)
 {
-    State *state = state_of(capsule);
-    int done;
-    if (!state) return NULL;
+    PyObject *capsule;
+    int first, last, done;
+    State *state;
+    if (!PyArg_ParseTuple(args, "Oii", &capsule, &first, &last) || !(state = state_of(capsule))) return NULL;
+    if (first < 0 || last < first || last > state->mesh.faces)
+        return PyErr_Format(PyExc_IndexError, "there are no faces %d to %d", first, last);
     Py_BEGIN_ALLOW_THREADS
-    done = find_edge_middles(&state->mesh, &state->places);
+    done = find_edge_middles(&state->mesh, first, last, &state->places);
     Py_END_ALLOW_THREADS
     return done ? PyLong_FromLong(state->places.count) : PyErr_NoMemory();
 }
 
-/* measure_edges(state, mapped d(n,3), lengths d(f,3)): `mapped` is where the map takes the places of `find_edges` */
+/* measure_edges(state, mapped d(n,3), lengths d(f,3)): `mapped` is where the map takes the places of `find_edges`;
+ * keep_triangles(state, lengths d(f,3)) once all are measured */
 static PyObject *measure_lengths(PyObject *self, PyObject *args)
 {
     PyObject *capsule, *o[2], *result = NULL;
@@ -314,6 +318,25 @@ static PyObject *measure_lengths(PyObject *self, PyObject *args)
     }
     arrays_release(&a);
     return result;
+}
+
+static PyObject *keep_faces(PyObject *self, PyObject *args)
+{
+    PyObject *capsule, *object;
+    Array lengths;
+    State *state;
+    if (!PyArg_ParseTuple(args, "OO", &capsule, &object) || !(state = state_of(capsule))
+        || array_get(object, &lengths, 'd', 3, 1, "lengths") < 0)
+        return NULL;
+    int fits = lengths.rows == state->mesh.faces && state->mesh.used_faces == state->mesh.faces;
+    if (fits) {
+        Py_BEGIN_ALLOW_THREADS
+        keep_triangles(&state->mesh, lengths.data);
+        Py_END_ALLOW_THREADS
+    }
+    array_release(&lengths);
+    return fits ? Py_NewRef(Py_None)
+                : PyErr_Format(PyExc_ValueError, "sort the state first; need rows for %d faces", state->mesh.used_faces);
 }
 
 /* edges(state, twins i(f,3), homes i(f,3), vectors d(f,6)) */
@@ -373,8 +396,9 @@ static PyMethodDef methods[] = {
     {"delaunay", delaunay, METH_O, "delaunay(state) -> share of the inner edges"},
     {"sort", sort, METH_O, "sort(state)"},
     {"export", export_arrays, METH_VARARGS, "export(state, faces, point_faces, weights, mapped)"},
-    {"find_edges", find_edges, METH_O, "find_edges(state) -> places"},
+    {"find_edges", find_edges, METH_VARARGS, "find_edges(state, first, last) -> places"},
     {"measure_edges", measure_lengths, METH_VARARGS, "measure_edges(state, mapped, lengths)"},
+    {"keep_triangles", keep_faces, METH_VARARGS, "keep_triangles(state, lengths)"},
     {"edges", edges, METH_VARARGS, "edges(state, twins, homes, vectors)"},
     {"edit", edit, METH_VARARGS, "edit(state, kind, item) -> done"},
     {NULL, NULL, 0, NULL},

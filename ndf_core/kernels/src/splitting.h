@@ -56,7 +56,7 @@ static int find_long_edges(const Triangulation *mesh, double limit, int along, P
             || !find_middle(mesh, mesh->corner[h], mesh->home[h], mesh->vector[h], &middle))
             ++*refused;
         else
-            done = places_add(places, h, &middle, (Shift){0});
+            done = places_add(places, h, &middle);
     }
     free(marks);
     return done;

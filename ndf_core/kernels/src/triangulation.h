@@ -210,19 +210,17 @@ static void order_slots(const Surface *surface, const int32_t *bucket, size_t st
     }
 }
 
-/* Put rows of `size` bytes in order, in new memory for `capacity` of them. */
-static int reorder(void **array, const int32_t *order, int32_t count, int32_t capacity, size_t size)
+#define WIDEST (3 * sizeof(Vector)) /* bytes of a row */
+
+/* Put rows of `size` bytes in order, by way of `scratch`, since memory that is used again costs less than new memory. */
+static void reorder(void *array, const int32_t *order, int32_t count, size_t size, char *scratch)
 {
-    char *sorted = malloc(((size_t)capacity + 1) * size);
-    if (!sorted) return 0;
     for (int32_t i = 0; i < count; i++)
-        memcpy(sorted + size * (size_t)i, (char *)*array + size * (size_t)order[i], size);
-    free(*array);
-    *array = sorted;
-    return 1;
+        memcpy(scratch + size * (size_t)i, (char *)array + size * (size_t)order[i], size);
+    memcpy(array, scratch, size * (size_t)count);
 }
 
-static int sort_faces(Triangulation *mesh, int32_t *order, int32_t *number, int32_t *starts)
+static void sort_faces(Triangulation *mesh, int32_t *order, int32_t *number, int32_t *starts, char *scratch)
 {
     for (int32_t f = 0; f < mesh->faces; f++)
         if (mesh->corner[3 * f] < 0) mesh->home[3 * f] = NONE;
@@ -233,15 +231,15 @@ static int sort_faces(Triangulation *mesh, int32_t *order, int32_t *number, int3
         if (mesh->outgoing[v] >= 0) mesh->outgoing[v] = 3 * number[mesh->outgoing[v] / 3] + mesh->outgoing[v] % 3;
     mesh->faces = mesh->used_faces;
     mesh->free_face = NONE;
-    return reorder((void **)&mesh->corner, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->corner)
-        && reorder((void **)&mesh->twin, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->twin)
-        && reorder((void **)&mesh->home, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->home)
-        && reorder((void **)&mesh->vector, order, mesh->faces, mesh->face_capacity, 3 * sizeof *mesh->vector)
-        && reorder((void **)&mesh->settled, order, mesh->faces, mesh->face_capacity, 3);
+    reorder(mesh->corner, order, mesh->faces, 3 * sizeof *mesh->corner, scratch);
+    reorder(mesh->twin, order, mesh->faces, 3 * sizeof *mesh->twin, scratch);
+    reorder(mesh->home, order, mesh->faces, 3 * sizeof *mesh->home, scratch);
+    reorder(mesh->vector, order, mesh->faces, 3 * sizeof *mesh->vector, scratch);
+    reorder(mesh->settled, order, mesh->faces, 3 * sizeof *mesh->settled, scratch);
 }
 
 /* After `sort_faces`: every face is in use. */
-static int sort_vertices(Triangulation *mesh, int32_t *order, int32_t *number, int32_t *starts)
+static void sort_vertices(Triangulation *mesh, int32_t *order, int32_t *number, int32_t *starts, char *scratch)
 {
     for (int32_t v = 0; v < mesh->vertices; v++)
         if (mesh->outgoing[v] < 0) mesh->point[v].face = NONE;
@@ -250,23 +248,28 @@ static int sort_vertices(Triangulation *mesh, int32_t *order, int32_t *number, i
     for (int32_t h = 0; h < 3 * mesh->faces; h++) mesh->corner[h] = number[mesh->corner[h]];
     mesh->vertices = mesh->used_vertices;
     mesh->free_vertex = NONE;
-    return reorder((void **)&mesh->point, order, mesh->vertices, mesh->vertex_capacity, sizeof *mesh->point)
-        && reorder((void **)&mesh->mapped, order, mesh->vertices, mesh->vertex_capacity, 3 * sizeof *mesh->mapped)
-        && reorder((void **)&mesh->outgoing, order, mesh->vertices, mesh->vertex_capacity, sizeof *mesh->outgoing)
-        && reorder((void **)&mesh->border, order, mesh->vertices, mesh->vertex_capacity, sizeof *mesh->border);
+    reorder(mesh->point, order, mesh->vertices, sizeof *mesh->point, scratch);
+    reorder(mesh->mapped, order, mesh->vertices, 3 * sizeof *mesh->mapped, scratch);
+    reorder(mesh->outgoing, order, mesh->vertices, sizeof *mesh->outgoing, scratch);
+    reorder(mesh->border, order, mesh->vertices, sizeof *mesh->border, scratch);
 }
 
 /* Renumber so that neighbours on the surface are neighbours in memory, which is what passes over large meshes cost,
- * and no slot is free. Returns 0 without memory: then the mesh is only good for being freed. */
+ * and no slot is free. Returns 0 without memory. */
 static int triangulation_sort(Triangulation *mesh)
 {
     if (mesh->sorted) return 1;
     size_t most = (size_t)(mesh->faces > mesh->vertices ? mesh->faces : mesh->vertices) + 1;
     int32_t *order = malloc(most * sizeof *order), *number = malloc(most * sizeof *number);
     int32_t *starts = malloc(((size_t)mesh->surface->faces + 1) * sizeof *starts);
-    int done = order && number && starts && sort_faces(mesh, order, number, starts)
-        && sort_vertices(mesh, order, number, starts);
-    mesh->sorted = done;
+    char *scratch = malloc(most * WIDEST);
+    int done = order && number && starts && scratch;
+    if (done) {
+        sort_faces(mesh, order, number, starts, scratch);
+        sort_vertices(mesh, order, number, starts, scratch);
+        mesh->sorted = 1;
+    }
+    free(scratch);
     free(order);
     free(number);
     free(starts);
