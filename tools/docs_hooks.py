@@ -17,11 +17,15 @@ _MOST_COLUMNS, _MOST_ROWS = 9, 60
 _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 _DISPLAY = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DOTALL)
 
+_PRIME = re.compile(r"<msup>(<mi>[^<]*</mi>)<mi>&#x02032;</mi></msup>")
+"""The glyph of a prime is raised already; as an exponent it flies away."""
+
 
 def on_page_content(text: str, **_: Any) -> str:
     """MathML needs no script, and no request to anyone: every browser draws it."""
     text = _INLINE.sub(lambda found: convert(html.unescape(found[1])), text)
-    return _DISPLAY.sub(lambda found: convert(html.unescape(found[1].strip()), display="block"), text)
+    text = _DISPLAY.sub(lambda found: convert(html.unescape(found[1].strip()), display="block"), text)
+    return _PRIME.sub(r"<mrow>\1<mo>&#x02032;</mo></mrow>", text)
 
 
 def on_files(files: Files, config: Any) -> Files:
