@@ -11,6 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "compiler.h"
+
 /* gcc vectorises no loop that compares floats while it must keep the order of floating-point traps; nobody reads them
  * here, and results do not change. */
 #if defined(__GNUC__) && !defined(__clang__)
@@ -31,13 +33,6 @@
 #define VECTOR_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
 #else
 #define VECTOR_CLONES
-#endif
-#if defined(__GNUC__)
-#define INLINE static inline __attribute__((always_inline))
-#define PREFETCH(address) __builtin_prefetch(address)
-#else
-#define INLINE static inline
-#define PREFETCH(address) ((void)(address))
 #endif
 
 typedef struct {

@@ -67,6 +67,13 @@ static int spreads(const Triangulation *mesh, int32_t h, double limit)
     return at_c * -d.y + at_d * c.y < -1e-9 * base * base * base;
 }
 
+/* Whether faces (a, b, c) and (b, a, d) lie folded over each other. */
+static int are_folded(const double *a, const double *b, const double *c, const double *d)
+{
+    Shape left = shape_of(a, b, c), right = shape_of(b, a, d);
+    return bend(&left, &right) < FOLD;
+}
+
 static int gets_better(const Triangulation *mesh, int32_t h, const Aim *aim)
 {
     int32_t g = mesh->twin[h];
@@ -74,6 +81,7 @@ static int gets_better(const Triangulation *mesh, int32_t h, const Aim *aim)
     if (criterion == SPREAD) return spreads(mesh, h, aim->limit);
     const double *a = mapped_at(mesh, mesh->corner[h]), *b = mapped_at(mesh, mesh->corner[g]);
     const double *c = mapped_at(mesh, mesh->corner[previous(h)]), *d = mapped_at(mesh, mesh->corner[previous(g)]);
+    if (criterion == UNFOLD && !are_folded(a, b, c, d)) return 0;
     double along = squared_distance(a, b);
     double at_c = squared_distance(c, a) + squared_distance(c, b) - along; /* positive where the angle is acute */
     double at_d = squared_distance(d, a) + squared_distance(d, b) - along;
@@ -82,10 +90,8 @@ static int gets_better(const Triangulation *mesh, int32_t h, const Aim *aim)
     if (across > aim->limit * aim->limit && across > along) return 0;
     Shape left = shape_of(a, b, c), right = shape_of(b, a, d);
     if (criterion == DELAUNAY && at_c * right.area + at_d * left.area >= -1e-9 * left.area * right.area) return 0;
-    double bent = bend(&left, &right);
-    if (criterion == UNFOLD && bent >= FOLD) return 0;
     /* Creases stay, since a flip would cut them off, unless their faces are thin. */
-    if (criterion != UNFOLD && bent < CREASE && at_c / left.area + at_d / right.area > 2 * STILL_HELD) return 0;
+    if (criterion != UNFOLD && bend(&left, &right) < CREASE && at_c / left.area + at_d / right.area > 2 * STILL_HELD) return 0;
     Shape first = shape_of(a, d, c), second = shape_of(d, b, c);
     if (criterion == ODT) {
         double before = left.area * left.squares + right.area * right.squares;

@@ -2,6 +2,7 @@
 #ifndef NDF_MAPPED_H
 #define NDF_MAPPED_H
 
+#include "compiler.h"
 #include "edits.h"
 
 static inline const double *mapped_at(const Triangulation *mesh, int32_t v) { return mesh->mapped + 3 * (size_t)v; }
@@ -23,7 +24,7 @@ typedef struct {
     double squares;         /* sum of the squared lengths of the edges */
 } Shape;
 
-static Shape shape_of(const double *p, const double *q, const double *r)
+INLINE Shape shape_of(const double *p, const double *q, const double *r)
 {
     double u[3], v[3];
     for (int k = 0; k < 3; k++) {

@@ -76,9 +76,8 @@ static void mark_folded(const Triangulation *mesh, uint8_t *marks)
         int32_t g = mesh->twin[h];
         if (!is_edge(mesh, h) || g < 0) continue;
         int32_t quad[4] = {mesh->corner[h], mesh->corner[g], mesh->corner[previous(h)], mesh->corner[previous(g)]};
-        Shape left = shape_of(mapped_at(mesh, quad[0]), mapped_at(mesh, quad[1]), mapped_at(mesh, quad[2]));
-        Shape right = shape_of(mapped_at(mesh, quad[1]), mapped_at(mesh, quad[0]), mapped_at(mesh, quad[3]));
-        if (bend(&left, &right) < FOLD)
+        if (are_folded(mapped_at(mesh, quad[0]), mapped_at(mesh, quad[1]), mapped_at(mesh, quad[2]),
+                       mapped_at(mesh, quad[3])))
             for (int i = 0; i < 4; i++) marks[quad[i]] = 1;
     }
 }
