@@ -20,19 +20,30 @@ from ndf_plugin_pointcloud.triangles import Triangles
 _MARGIN = 0.05
 """Room around the samples, as a share of the longest side: caps over holes may bulge."""
 _COARSEST = 48
+_MOST_CELLS = 650_000
+"""Cells that the level set may go through: the winding number is asked for at some five times as many nodes. Ordinary
+surfaces have 0.1 to 0.6 million at 512 cells along the longest side."""
 
 
 class WindingExtractor(BaseMeshExtractor):
     """Base mesh of w = 1/2: marching cubes around the samples, coarsened."""
 
     def __init__(
-        self, tree: WindingTree, samples: Float[Array, "n 3"], cell: float, finest: int, threads: int = 1
+        self,
+        tree: WindingTree,
+        samples: Float[Array, "n 3"],
+        area: float,
+        cell: float,
+        finest: int,
+        threads: int = 1,
     ) -> None:
         """Hold the field; nothing is evaluated yet.
 
         Args:
             tree: w.
             samples: points near all of the level set but the caps over holes.
+            area: of the level set without those caps, about, input units; cells are larger where it is so large that
+                too many would be needed.
             cell: wished size of a cell, input units; finer shows the samples rather than the surface.
             finest: most cells along the longest side.
             threads: for the field.
@@ -40,13 +51,17 @@ class WindingExtractor(BaseMeshExtractor):
         low, high = samples.min(axis=0), samples.max(axis=0)
         side = float((high - low).max())
         margin = _MARGIN * side
-        resolution = int(np.clip((side + 2 * margin) / cell, min(_COARSEST, finest), finest))
-        self._samples = samples
+        most = (side + 2 * margin) * np.sqrt(_MOST_CELLS / max(area, 1e-300))
+        resolution = int(np.clip(min((side + 2 * margin) / cell, most), min(_COARSEST, finest), finest))
+        # Looked at twice as finely where the topology is not settled, if that is affordable.
+        twice = 2 * resolution if 2 * resolution <= most else resolution
+        self.resolution = resolution
+        """Cells along the longest side of the box, at first."""
         self._extractor = LevelSetExtractor(
             lambda points: 0.5 - tree.values(points, threads),
             np.stack([low - margin, high + margin]),
             near=samples,
-            policy=LevelSetPolicy(resolution=resolution, max_resolution=2 * resolution, bisections=2),
+            policy=LevelSetPolicy(resolution=resolution, max_resolution=twice, bisections=2),
         )
 
     @cached_property

@@ -63,7 +63,8 @@ def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representat
     radii = np.sqrt(areas / np.pi)
     smoothing = config.smoothing or smoothing_for(noise_level(tree, normals, radii, threads))
     winding = WindingTree.of_points(points, areas[:, None] * normals, smoothing * radii)
-    extractor = WindingExtractor(winding, points, _CELLS * float(np.median(radii)), config.resolution, threads)
+    cell = _CELLS * float(np.median(radii))
+    extractor = WindingExtractor(winding, points, float(areas.sum()), cell, config.resolution, threads)
     projector = TracingProjector(winding, Neighbourhood(tree, normals, radii), cloud.size)
     return Surface(
         representation=representation,

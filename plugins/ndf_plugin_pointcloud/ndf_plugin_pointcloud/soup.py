@@ -28,7 +28,11 @@ class SoupConfig(BaseModel):
     )
     interior: Literal["fill", "keep"] = Field("fill", description="whether a hollow inside of a dilation is filled")
     resolution: int = Field(
-        256, ge=16, le=1024, description="most cells of the base mesh's grid along the longest side"
+        256,
+        ge=16,
+        le=1024,
+        description="most cells of the base mesh's grid along the longest side; fewer where the surface would "
+        "go through more than 650,000 of them",
     )
 
 

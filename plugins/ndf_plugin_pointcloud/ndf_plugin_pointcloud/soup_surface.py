@@ -95,10 +95,11 @@ def boundary_share(soup: Triangles, tree: WindingTree, threads: int = 1, seed: i
 def _wound(soup: Triangles, tree: WindingTree, config: SoupConfig, digest: str, notes: list[str]) -> Surface:
     threads = torch.get_num_threads()
     rng = np.random.default_rng(0)
-    near = _bounding(soup, tree, rng, threads)
-    extractor = WindingExtractor(tree, near, soup.size / config.resolution, config.resolution, threads)
-    points, normals, _ = soup.sample(_NEIGHBOURS, rng)
     area = float(np.linalg.norm(soup.area_vectors, axis=1).sum()) / 2
+    near, share = _bounding(soup, tree, rng, threads)
+    cell = soup.size / config.resolution
+    extractor = WindingExtractor(tree, near, share * area, cell, config.resolution, threads)
+    points, normals, _ = soup.sample(_NEIGHBOURS, rng)
     radii = np.full(len(points), np.sqrt(area / len(points) / np.pi))
     tracing = TracingProjector(tree, Neighbourhood(KDTree(points), normals, radii), soup.size)
     projector = SoupProjector(soup, tree, tracing)
@@ -113,20 +114,23 @@ def _wound(soup: Triangles, tree: WindingTree, config: SoupConfig, digest: str, 
     )
 
 
-def _bounding(soup: Triangles, tree: WindingTree, rng: np.random.Generator, threads: int) -> Float[Array, "n 3"]:
-    """Points on the triangles across which w - 1/2 changes sign: what is hidden inside need not be looked at.
+def _bounding(
+    soup: Triangles, tree: WindingTree, rng: np.random.Generator, threads: int
+) -> tuple[Float[Array, "n 3"], float]:
+    """Points on the triangles across which w - 1/2 changes sign, and their share of the area: what is hidden inside
+    need not be looked at.
 
     Raises:
         InputError: there is none.
     """
-    points, _, face = soup.sample(_SAMPLES, rng)
-    points = np.concatenate([points, soup.vertices[soup.faces].mean(axis=1)])
+    samples, _, face = soup.sample(_SAMPLES, rng)
+    points = np.concatenate([samples, soup.vertices[soup.faces].mean(axis=1)])
     vectors = soup.area_vectors[np.concatenate([face, np.arange(len(soup.faces))])]
     lift = _LIFT * soup.size * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     crossed = (tree.values(points + lift, threads) > 0.5) != (tree.values(points - lift, threads) > 0.5)
     if not crossed.any():
         raise InputError("the winding number of the triangles is nowhere one half; --method dilation takes any")
-    return points[crossed]
+    return points[crossed], float(crossed[: len(samples)].mean())
 
 
 def _dilated(soup: Triangles, config: SoupConfig, digest: str, notes: list[str]) -> Surface:

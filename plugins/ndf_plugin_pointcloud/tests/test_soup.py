@@ -7,6 +7,7 @@ import pytest
 import torch
 import trimesh
 from clouds import closest, near, off_surface, ring
+from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor
 from ndf_plugin_pointcloud.patches import orient_soup
 from ndf_plugin_pointcloud.soup import SoupConfig
 from ndf_plugin_pointcloud.soup_surface import open_soup
@@ -14,6 +15,7 @@ from ndf_plugin_pointcloud.triangles import Triangles, usable_triangles
 
 from ndf_core.base_mesh.checks import check_base_mesh
 from ndf_core.errors import InputError
+from ndf_core.kernels.winding import WindingTree
 from ndf_core.mesh import signed_volume
 from ndf_core.readers.polygons import RawMesh
 
@@ -145,3 +147,14 @@ def test_what_is_left_out_is_said() -> None:
     read = usable_triangles(RawMesh(vertices, faces), "x")
     assert len(read.faces) == 12
     assert len(read.notes) == 3
+
+
+def test_a_surface_of_very_large_area_is_looked_at_with_larger_cells() -> None:
+    """With four times the area, half as many cells along a side: as many of them meet the surface."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    tree = WindingTree.of_triangles(ball.vertices, ball.faces)
+    samples = np.asarray(ball.vertices)
+    cells = [WindingExtractor(tree, samples, area, 1e-4, 1024).resolution for area in (4.0, 100.0, 400.0)]
+    assert cells[0] > 800
+    assert cells[1] == pytest.approx(2 * cells[2], abs=2)
+    assert 48 < cells[2] < 100
