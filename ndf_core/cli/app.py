@@ -16,7 +16,7 @@ COMMANDS = {
     "stripes": "Evenly spaced stripes on a surface.",
     "logmap": "The surface as seen from one of its points.",
     "spectrum": "Lowest eigenvalues and eigenfunctions of a surface.",
-    "field": "Learned fields on an asset's surface: fit, eval.",
+    "field": "Learned fields on an asset's surface: fit, eval, copy.",
     "sample": "Points spread over an asset's surface.",
     "info": "Show what an asset holds.",
     "plugins": "List the installed representations, or check them.",

@@ -9,6 +9,7 @@ import click
 _COMMANDS = {
     "fit": "Learn a field from values on a mesh or at points, into an asset.",
     "eval": "Evaluate a field of an asset on an extracted mesh, or at points.",
+    "copy": "Give fields of one asset to another over the same base mesh.",
 }
 
 

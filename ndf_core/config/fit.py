@@ -19,16 +19,22 @@ class LossWeights(BaseModel):
     cycle: float = Field(
         default=1e2, ge=0, le=1e12, description="lambda_C: squared error of the inverse network after the map"
     )
-    anchor: float = Field(
-        default=0.0,
+    anchor: float | None = Field(
+        default=None,
         ge=0,
         le=1e12,
-        description="lambda_A: squared distance of mapped anchors from their targets (App. D.1)",
+        description="lambda_A: squared distance of mapped anchors from their targets (App. D.1); none: 0.1 lambda_P "
+        "where there are anchors",
     )
     normal: float = Field(
         default=0.0, ge=0, le=1e12, description="squared difference of the mapped and the surface's normal (App. D.2)"
     )
-    conformality: float = Field(default=0.0, ge=0, le=1e12, description="softplus of -det J / tr J^T J (App. D.3)")
+    conformality: float | None = Field(
+        default=None,
+        ge=0,
+        le=1e12,
+        description="softplus of -det J / tr J^T J (App. D.3); none: 1e-3 lambda_P with base_from, else 0",
+    )
 
 
 class FitConfig(BaseModel):
@@ -50,7 +56,12 @@ class FitConfig(BaseModel):
     loss: LossWeights = LossWeights()
     anchors: str | None = Field(
         default=None,
-        description="CSV file with rows px,py,pz,qx,qy,qz in input units: a point near the base mesh and its target",
+        description="CSV file with rows px,py,pz,qx,qy,qz, input units: a point near the base mesh (with base_from: "
+        "near that asset's surface, in its units) and its target",
+    )
+    base_from: str | None = Field(
+        default=None,
+        description="asset whose base mesh is fitted to the input, led by anchors, instead of one of its own",
     )
 
     colors: bool = Field(default=False, description="also learn the input's colours, as the field `color`")

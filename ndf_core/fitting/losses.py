@@ -49,7 +49,7 @@ def optional_gradient(
     if weights.normal or weights.conformality:
         mapped = mapped_frame(live, geometry, base.face, base.barycentric)
         sides = None if normals is None else (mapped.frame.normal.detach() * normals).sum(1).sign()
-        total = total + weights.conformality * conformality_loss(mapped, sides, base.weight)
+        total = total + (weights.conformality or 0.0) * conformality_loss(mapped, sides, base.weight)
         if normals is not None:
             total = total + weights.normal * normal_loss(mapped, normals, base.weight)
     return torch.autograd.grad(total, flat)[0]

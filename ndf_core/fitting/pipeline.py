@@ -20,7 +20,7 @@ from ndf_core import __version__
 from ndf_core.asset.asset import Asset
 from ndf_core.asset.content import AssetContent
 from ndf_core.base_mesh.quantise import EncodedBaseMesh, encode_base_mesh
-from ndf_core.config.fit import FitConfig
+from ndf_core.config.fit import FitConfig, LossWeights
 from ndf_core.errors import ConfigError, ResumeError
 from ndf_core.fitting.anchors import anchor_fingerprint, place_anchors, read_anchors
 from ndf_core.fitting.checkpoint import (
@@ -33,14 +33,18 @@ from ndf_core.fitting.checkpoint import (
 from ndf_core.fitting.colors import colors_of, learn_colors
 from ndf_core.fitting.geometry import BaseGeometry
 from ndf_core.fitting.identity import initial_parameters
+from ndf_core.fitting.losses import Anchors
 from ndf_core.fitting.measure import Accuracy, measure
 from ndf_core.fitting.observer import Observer, Observers
 from ndf_core.fitting.projection import BoxProjector
 from ndf_core.fitting.quantise import quantise
+from ndf_core.fitting.shared_base import TARGET_FACES, SharedBase, train_start
 from ndf_core.fitting.trainer import Trainer
-from ndf_core.interfaces import Remark, Surface
+from ndf_core.interfaces import BaseMesh, Remark, Surface
 from ndf_core.mesh import topology
 
+CONFORMALITY = 1e-3
+"""Weight of the conformality loss (App. D.3) beside lambda_P where a base mesh is fitted to another shape."""
 _NOT_IDENTITY = ("checkpoint_seconds", "device", "threads")
 """Options that do not say what is fitted: they stay out of the asset."""
 
@@ -143,21 +147,29 @@ class _Run:
         self._clock = _Clock(observer)
         self._remarks: tuple[Remark, ...] = ()
         self._pairs = _anchor_pairs(config)
+        self._training = config.model_copy(update={"loss": _weights(config)})
+        self._shared: SharedBase | None = None
+        if config.base_from is not None:
+            assert self._pairs is not None, "base_from without anchors has been refused"
+            self._shared = SharedBase(Path(config.base_from), self._pairs)
+        self._drawn_over: BaseMesh | None = None
         self._colors = colors_of(surface) if config.colors else None
         self._color_report: dict[str, Any] | None = None
 
     def run(self, resume: bool) -> FitResult:
         config, clock = self._config, self._clock
-        pairs = self._pairs
         held = self._held(resume)
         with clock.stage("base mesh"):
             base = self._base_mesh(held)
         geometry = BaseGeometry(base.vertices, base.faces, self._device)
         projector = BoxProjector(self._surface.projector, base.center, base.scale)
-        anchors = None if pairs is None else place_anchors(pairs, geometry, base.center, base.scale)
+        anchors = self._anchors(geometry, base)
         with clock.stage("initialise"):
             parameters = initial_parameters(geometry, config if held is None else _without_training(config))
-        trainer = Trainer(parameters, geometry, projector, config, self._observer, anchors, self._threads)
+            if self._shared is not None and self._drawn_over is not None:
+                start = self._shared.start(base, self._drawn_over, config.seed)
+                train_start(parameters, geometry, start, self._training)
+        trainer = Trainer(parameters, geometry, projector, self._training, self._observer, anchors, self._threads)
         if held is not None:
             trainer.load_state(held)
             self._observer.message(f"resumed at step {trainer.step_count} of {config.steps}")
@@ -176,7 +188,10 @@ class _Run:
             asset, self._color_report = learned.asset, learned.report
         with clock.stage("write"):
             size = self._write(asset)
-        return FitResult(asset, self._report(base, trainer, accuracy, size))
+        report = self._report(base, trainer, accuracy, size)
+        if anchors is not None:
+            report["anchors"] = _anchor_report(asset, anchors)
+        return FitResult(asset, report)
 
     def _identity(self) -> dict[str, Any]:
         """What a checkpoint must agree with."""
@@ -191,9 +206,11 @@ class _Run:
         }
 
     def _options(self, *left_out: str) -> dict[str, Any]:
-        """The config with the anchors themselves in place of their path."""
+        """The config with the anchors and the shared base mesh themselves in place of their paths."""
         options = self._config.model_dump(exclude=set(left_out))
-        return options | {"anchors": None if self._pairs is None else anchor_fingerprint(self._pairs)}
+        options["anchors"] = None if self._pairs is None else anchor_fingerprint(self._pairs)
+        options["base_from"] = None if self._shared is None else self._shared.fingerprint
+        return options
 
     def _held(self, resume: bool) -> dict[str, Tensor] | None:
         if not resume:
@@ -210,11 +227,20 @@ class _Run:
         if held is not None:
             base, self._remarks = base_mesh_of(held)
             return base
-        mesh = self._surface.base_mesh.extract(self._config.faces, self._config.seed)
+        faces = self._config.faces if self._shared is None else TARGET_FACES
+        mesh = self._surface.base_mesh.extract(faces, self._config.seed)
         self._remarks = mesh.remarks
         for remark in mesh.remarks:
             self._observer.message(remark.message)
-        return encode_base_mesh(mesh)
+        if self._shared is None:
+            return encode_base_mesh(mesh)
+        self._drawn_over = mesh
+        return self._shared.placed(mesh)
+
+    def _anchors(self, geometry: BaseGeometry, base: EncodedBaseMesh) -> Anchors | None:
+        if self._shared is not None:
+            return self._shared.anchors(geometry, base)
+        return None if self._pairs is None else place_anchors(self._pairs, geometry, base.center, base.scale)
 
     def _save(self, trainer: Trainer, base: EncodedBaseMesh) -> None:
         if self._output is None:
@@ -303,11 +329,31 @@ def _anchor_pairs(config: FitConfig) -> Float[Array, "m 6"] | None:
     """The anchors, read once.
 
     Raises:
-        ConfigError: they cannot be read, or only one of file and weight is given, which would do nothing.
+        ConfigError: they cannot be read, or are not given although a weight or another asset's base mesh is.
     """
-    if bool(config.anchors) != bool(config.loss.anchor):
-        raise ConfigError("--anchors and --loss.anchor belong together: give a file and a weight above 0, or neither")
+    if config.loss.anchor and not config.anchors:
+        raise ConfigError("--loss.anchor: there are no anchors to weigh; give --anchors FILE too")
+    if config.base_from is not None and not config.anchors:
+        raise ConfigError("--base-from: needs --anchors, pairs of points of that asset's surface and of the input")
     return read_anchors(Path(config.anchors)) if config.anchors else None
+
+
+def _weights(config: FitConfig) -> LossWeights:
+    """The weights of the losses, with what is left to us filled in."""
+    given = config.loss
+    anchor = 0.1 * given.projection if given.anchor is None and config.anchors else given.anchor
+    conformality = given.conformality
+    if conformality is None and config.base_from is not None:
+        conformality = CONFORMALITY * given.projection
+    return given.model_copy(update={"anchor": anchor or 0.0, "conformality": conformality or 0.0})
+
+
+def _anchor_report(asset: Asset, anchors: Anchors) -> dict[str, Any]:
+    """How far the asset's anchors end from their targets, as shares of the longest side."""
+    faces, barycentric = anchors.base.face.cpu().numpy(), anchors.base.barycentric.double().cpu().numpy()
+    missed = asset.evaluate(faces, barycentric) - anchors.targets.cpu().numpy()
+    missed = np.linalg.norm(missed, axis=1) * asset.content.scale / asset.longest_side
+    return {"pairs": len(missed), "mean": float(missed.mean()), "largest": float(missed.max())}
 
 
 def _without_training(config: FitConfig) -> FitConfig:

@@ -327,10 +327,19 @@ class TestAnchors:
         with pytest.raises(ResumeError, match="anchors was"):
             fit(output, resume=True, anchors=str(tmp_path / "pairs.csv"), **PULLED)
 
-    def test_a_file_without_a_weight_or_a_weight_without_a_file(self, tmp_path: Path) -> None:
-        for options in ({"anchors": self.file(tmp_path)}, PULLED):
-            with pytest.raises(ConfigError, match="--anchors and --loss.anchor belong together"):
-                fit(None, **options)
+    def test_a_weight_without_a_file(self) -> None:
+        with pytest.raises(ConfigError, match=r"--loss\.anchor: there are no anchors to weigh"):
+            fit(None, **PULLED)
+
+    def test_without_a_weight_it_is_the_papers(self, tmp_path: Path) -> None:
+        """A tenth of lambda_P (App. D.1); 0 weighs nothing."""
+        file, steps = self.file(tmp_path), {"steps": 20}
+
+        def largest(anchor: float | None) -> float:
+            loss = {"projection": 1e4, "cycle": 1e2, "anchor": anchor}
+            return fit(None, anchors=file, loss=loss, **steps).report["anchors"]["largest"]
+
+        assert largest(None) == largest(1e3) < largest(0.0)
 
 
 def test_the_paper_recipe(tmp_path: Path) -> None:

@@ -1,0 +1,185 @@
+"""Draw a mesh over another of the same topology, led by anchors: where the map between two shapes starts.
+
+The mesh flows in small steps. Each step solves for a smooth displacement (graph Laplacian and its square, from stiff
+to soft) that takes anchors part of their way and vertices towards the target, in both directions: the closest target
+point of each vertex, and for points spread over the target the closest point of the mesh, so that limbs are entered.
+Pairs whose normals disagree count for nothing. Between steps vertices move along the surface to the middle of their
+neighbours, which keeps triangles from piling up in creases. What is folded in the end is smoothed in growing patches:
+inside a patch that is nearly flat, vertices in the middle of their neighbours fold nowhere (Tutte).
+
+Reference: non-rigid registration with decreasing stiffness, Amberg, Romdhani and Vetter 2007; for App. D.1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray as Array
+from scipy.sparse.linalg import splu
+
+from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.mesh import face_normals
+
+_STEPS = 100
+_STIFFNESS = (2.5, -2.0)
+"""Decimal logarithm of the weight of smoothness at the first and last step, beside `_ATTRACTION`."""
+_MEMBRANE = 0.1
+"""Weight of the Laplacian beside its square."""
+_ATTRACTION = 0.3
+_ANCHOR = 30.0
+_SPREAD = 3000
+"""Target points of each step."""
+_RELAXED = 0.5
+"""Half-way to the middle of the neighbours, three times a step."""
+_ROUNDS = 12
+"""Times that folded patches are smoothed, each time larger ones."""
+_STEEP = 0.2
+"""Triangles whose normal has less than this cosine with the target's are smoothed."""
+
+
+class Target:
+    """The surface that the mesh is drawn over."""
+
+    def __init__(self, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> None:
+        self.vertices, self.faces = vertices, faces
+        self.tree = TriangleBVH(vertices, faces)
+        crossed = face_normals(vertices, faces)
+        areas = np.linalg.norm(crossed, axis=1)
+        self.normals = _unit(crossed)
+        self._shares = areas / areas.sum()
+
+    def spread(self, count: int, rng: np.random.Generator) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
+        """Random points, even by area, and the normals there."""
+        chosen = rng.choice(len(self.faces), count, p=self._shares)
+        weights = rng.dirichlet((1.0, 1.0, 1.0), count)
+        return np.einsum("nc,ncx->nx", weights, self.vertices[self.faces[chosen]]), self.normals[chosen]
+
+    def folded(self, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], cosine: float) -> Bool[Array, " f"]:
+        """Triangles of a mesh near the target whose normals have less than this cosine with the target's."""
+        closest = self.tree.closest(vertices[faces].mean(axis=1))[1]
+        return (_unit(face_normals(vertices, faces)) * self.normals[closest]).sum(axis=1) < cosine
+
+
+def register(
+    vertices: Float[Array, "v 3"],
+    faces: Int[Array, "f 3"],
+    target: Target,
+    anchors: tuple[Int[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]],
+    seed: int,
+) -> Float[Array, "v 3"]:
+    """Positions of the mesh's vertices on the target, a map that anchors fix and that folds as little as it can.
+
+    Args:
+        vertices, faces: the mesh, roughly of the target's size and place.
+        target: of the same topology.
+        anchors: faces of the mesh, weights there, and where these points go. They are met exactly.
+        seed: of the points on the target.
+    """
+    return _Registration(vertices, faces, target, anchors).run(np.random.default_rng(seed))
+
+
+class _Registration:
+    def __init__(
+        self,
+        vertices: Float[Array, "v 3"],
+        faces: Int[Array, "f 3"],
+        target: Target,
+        anchors: tuple[Int[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]],
+    ) -> None:
+        self._now, self._faces, self._target = vertices.copy(), faces, target
+        count = len(vertices)
+        ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
+        adjacent = sp.coo_matrix((np.ones(ends.shape[1]), ends), shape=(count, count)).tocsr()
+        self._adjacent = ((adjacent + adjacent.T) > 0).astype(float)
+        degrees = np.asarray(self._adjacent.sum(axis=1)).ravel()
+        self._middle = sp.diags(1 / degrees) @ self._adjacent
+        laplacian = sp.diags(degrees) - self._adjacent
+        self._smoothness = _MEMBRANE * laplacian + laplacian @ laplacian
+        self._anchored = self._at(anchors[0], anchors[1])
+        self._goals = anchors[2]
+        # The least change of the vertices that puts the anchors right; pairs may contradict each other.
+        self._correction = self._anchored.T @ np.linalg.pinv((self._anchored @ self._anchored.T).toarray())
+
+    def run(self, rng: np.random.Generator) -> Float[Array, "v 3"]:
+        for step in range(_STEPS):
+            progress = step / (_STEPS - 1)
+            self._flow(step, progress, rng)
+            for _ in range(3):
+                self._relax(on_target=progress > 0.3)
+                if progress > 0.55:
+                    self._meet_anchors()
+        self._unfold()
+        return self._now
+
+    def _flow(self, step: int, progress: float, rng: np.random.Generator) -> None:
+        """One step of the flow; vertices and target attract each other fully from the middle on."""
+        now, faces, target = self._now, self._faces, self._target
+        attraction = _ATTRACTION * min(1.0, 2 * progress)
+        normals = face_normals(now, faces)
+        closest, hit, _ = target.tree.closest(now)
+        facing = (self._vertex_normals(normals) * target.normals[hit]).sum(axis=1)
+        pull = attraction * facing.clip(0, 1)
+        points, directions = target.spread(_SPREAD, rng)
+        _, under, weights = TriangleBVH(now, faces).closest(points)
+        facing = (_unit(normals)[under] * directions).sum(axis=1)
+        share = sp.diags(attraction * facing.clip(0, 1) * len(now) / _SPREAD)
+        spread = self._at(under, weights)
+        remaining = max(1.0, _STEPS / 2 - step)
+        stiffness = 10 ** (_STIFFNESS[0] + (_STIFFNESS[1] - _STIFFNESS[0]) * progress)
+        matrix = stiffness * self._smoothness + sp.diags(pull + 1e-6) + spread.T @ share @ spread
+        matrix = matrix + _ANCHOR * self._anchored.T @ self._anchored
+        right = pull[:, None] * (closest - now) + spread.T @ (share @ (points - spread @ now))
+        right = right + _ANCHOR / remaining * self._anchored.T @ (self._goals - self._anchored @ now)
+        self._now = now + splu(sp.csc_matrix(matrix)).solve(right)
+
+    def _relax(self, on_target: bool) -> None:
+        """Vertices along the surface towards the middle of their neighbours."""
+        if on_target:
+            normals = self._target.normals[self._target.tree.closest(self._now)[1]]
+        else:
+            normals = self._vertex_normals(face_normals(self._now, self._faces))
+        shift = self._middle @ self._now - self._now
+        self._now = self._now + _RELAXED * (shift - (shift * normals).sum(axis=1, keepdims=True) * normals)
+
+    def _meet_anchors(self) -> None:
+        self._now = self._now + self._correction @ (self._goals - self._anchored @ self._now)
+
+    def _unfold(self) -> None:
+        """Smooth folded patches; the best of all rounds is kept."""
+        least, best = np.inf, self._now
+        for round_ in range(_ROUNDS + 1):
+            folded = self._target.folded(self._now, self._faces, _STEEP)
+            share = self._area_of(self._target.folded(self._now, self._faces, 0.0))
+            if share < least:
+                least, best = share, self._now
+            if not folded.any() or round_ == _ROUNDS:
+                break
+            patch = np.zeros(len(self._now))
+            patch[self._faces[folded]] = 1.0
+            for _ in range(2 + round_):
+                patch = ((self._adjacent @ patch + patch) > 0).astype(float)
+            moving = patch[:, None]
+            for _ in range(10 + 5 * round_):
+                self._now = self._now + 0.7 * moving * (self._middle @ self._now - self._now)
+                self._now = self._now + moving * (self._target.tree.closest(self._now)[0] - self._now)
+                self._meet_anchors()
+        self._now = best
+
+    def _area_of(self, chosen: Bool[Array, " f"]) -> float:
+        return float(np.linalg.norm(face_normals(self._now, self._faces), axis=1)[chosen].sum())
+
+    def _vertex_normals(self, normals: Float[Array, "f 3"]) -> Float[Array, "v 3"]:
+        total = np.zeros_like(self._now)
+        np.add.at(total, self._faces.ravel(), np.repeat(normals, 3, axis=0))
+        return _unit(total)
+
+    def _at(self, faces: Int[Array, " n"], weights: Float[Array, "n 3"]) -> sp.csr_matrix:
+        """The matrix that takes values at vertices to points of faces."""
+        rows = np.repeat(np.arange(len(faces)), 3)
+        columns = self._faces[faces].ravel()
+        return sp.csr_matrix((weights.ravel(), (rows, columns)), shape=(len(faces), len(self._now)))
+
+
+def _unit(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)

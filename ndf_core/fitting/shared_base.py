@@ -1,0 +1,99 @@
+"""A base mesh that another asset has, to be fitted onto a surface of the same topology (App. D.1)."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from ndf_core.asset.asset import Asset
+from ndf_core.asset.base_mesh_codec import BOX_SIDE
+from ndf_core.base_mesh.checks import longest_side
+from ndf_core.base_mesh.quantise import EncodedBaseMesh
+from ndf_core.config.fit import FitConfig
+from ndf_core.errors import BaseMeshError
+from ndf_core.fitting.geometry import BaseGeometry
+from ndf_core.fitting.losses import Anchors
+from ndf_core.fitting.network import Parameters, interpolate
+from ndf_core.fitting.optimizer import Optimizer, rate_factor
+from ndf_core.fitting.registration import Target, register
+from ndf_core.fitting.sampling import base_points_at, generator_at, stratified
+from ndf_core.fitting.step import FusedStep, tile_size
+from ndf_core.interfaces import BaseMesh
+from ndf_core.mesh import topology
+
+TARGET_FACES = 20_000
+"""Size of the mesh that stands for the surface while the base mesh is drawn over it."""
+_START_STEPS = 600
+
+
+class SharedBase:
+    """The base mesh of an asset, and the surface points that anchors name."""
+
+    def __init__(self, path: Path, pairs: Float[Array, "m 6"]) -> None:
+        """`pairs` are points on the surface of the asset, in its units, and their targets, in the new surface's.
+
+        Raises:
+            AssetError, InputError: the asset cannot be read.
+        """
+        self._asset = Asset.load(path)
+        self._path, self._pairs = path, pairs
+        self._anchors = self._asset.locate(pairs[:, :3])[:2]
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 (hex, shortened) of the base mesh: what a run is known by, wherever the asset lies."""
+        return hashlib.sha256(self._asset.content.base_mesh_blob).hexdigest()[:32]
+
+    def placed(self, mesh: BaseMesh) -> EncodedBaseMesh:
+        """The base mesh in the box of `mesh`, a mesh of the new surface; bytes, vertices and faces are the asset's.
+
+        Raises:
+            BaseMeshError: the two have not the same topology.
+        """
+        content = self._asset.content
+        own, theirs = topology(content.faces, len(content.vertices)), topology(mesh.faces, len(mesh.vertices))
+        if (own.components, own.euler_characteristic) != (theirs.components, theirs.euler_characteristic):
+            raise BaseMeshError(
+                f"the base mesh of {self._path} has {own.components} component(s) and Euler characteristic "
+                f"{own.euler_characteristic}, the input {theirs.components} and {theirs.euler_characteristic}: "
+                f"a map needs the same topology"
+            )
+        center = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+        scale = longest_side(mesh.vertices) / BOX_SIDE
+        return EncodedBaseMesh(content.base_mesh_blob, content.vertices, content.faces, center, scale, bits=0)
+
+    def anchors(self, geometry: BaseGeometry, base: EncodedBaseMesh) -> Anchors:
+        """The pairs in the box frame."""
+        return Anchors(
+            base_points_at(geometry, *self._anchors), torch.from_numpy(self._goals(base)).float().to(geometry.device)
+        )
+
+    def start(self, base: EncodedBaseMesh, mesh: BaseMesh, seed: int) -> Float[Array, "v 3"]:
+        """Where the base mesh's vertices start: drawn over `mesh`, box frame."""
+        target = Target((mesh.vertices - base.center) / base.scale, mesh.faces)
+        return register(base.vertices, base.faces, target, (*self._anchors, self._goals(base)), seed)
+
+    def _goals(self, base: EncodedBaseMesh) -> Float[Array, "m 3"]:
+        return (self._pairs[:, 3:] - base.center) / base.scale
+
+
+def train_start(
+    parameters: Parameters, geometry: BaseGeometry, positions: Float[Array, "v 3"], config: FitConfig
+) -> None:
+    """Train the map to the linear one that takes vertices to `positions`, and the inverse to it, in place."""
+    config = config.model_copy(update={"steps": _START_STEPS})
+    goals = torch.from_numpy(positions).float().to(geometry.device)
+    tile = tile_size(config.batch, geometry.device)
+    step = FusedStep(parameters.shape, tile, config.cycle_stride, geometry.device)
+    optimizer = Optimizer(parameters, config)
+    for count in range(_START_STEPS):
+        batch = stratified(geometry, geometry.areas, tile, generator_at(config.seed, -2 - count)).batch
+        step.gradient.flat.zero_()
+        residual = step.map(parameters, batch) - interpolate(goals, batch.corners, batch.barycentric)
+        residual.mul_(2 * config.loss.projection / len(residual))
+        step.backward(parameters, batch, residual, config.loss.cycle, count)
+        optimizer.step(step.gradient, rate_factor(config, count))
