@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
 import subprocess
 import sys
@@ -145,9 +147,23 @@ def plugin_maker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pl
 
 @pytest.fixture(scope="session")
 def core_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built from a copy, so that no build product lands in the repository or comes from it."""
-    copy, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
+    """Built once for all of pytest's processes."""
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    out = shared / "wheel"
+    with (shared / "wheel.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not any(out.glob("*.whl")):
+            _build_wheel(shared / "source", out)
+    (built,) = out.glob("*.whl")
+    return built
+
+
+def _build_wheel(copy: Path, out: Path) -> None:
+    """From a copy, so that no build product lands in the repository or comes from it."""
     products = shutil.ignore_patterns("*.so", "__pycache__")
+    copy.mkdir()
     for name in SOURCES:
         source = REPOSITORY / name
         if source.is_dir():
@@ -157,5 +173,3 @@ def core_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
     done = subprocess.run([*command, "-w", str(out), str(copy)], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
-    (built,) = out.glob("*.whl")
-    return built

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.metadata as metadata
 import os
 import subprocess
 import sys
-import venv
 from pathlib import Path
 
 import pytest
+from clean_environment import closure, make_environment
 from markdown_blocks import blocks_of
-from packaging.requirements import Requirement
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TUTORIAL = REPOSITORY / "docs" / "tutorial.md"
@@ -20,41 +18,15 @@ EXAMPLE = REPOSITORY / "examples" / "ndf_plugin_heightmap"
 pytestmark = pytest.mark.slow
 
 
-def requirements(name: str, extra: str = "") -> set[str]:
-    """Distributions that one declares to need, those of an extra included."""
-    found = [Requirement(line) for line in metadata.requires(name) or []]
-    wanted = [need for need in found if need.marker is None or need.marker.evaluate({"extra": extra})]
-    return {need.name for need in wanted}
-
-
-def closure(names: set[str]) -> set[str]:
-    """Them and all that they need in turn."""
-    done: set[str] = set()
-    while left := names - done:
-        done |= left
-        names = done.union(*map(requirements, left))
-    return done
-
-
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory, core_wheel: Path) -> Path:
     """Folder of executables of an environment that holds what ndf-core[fit] and pytest declare, and nothing else.
 
-    The dependencies are links to those installed here, since torch alone takes minutes to install; ndf is not among
-    them: it comes from the wheel, by the tutorial's own pip commands.
+    ndf comes from the wheel, by the tutorial's own pip commands.
     """
     folder = tmp_path_factory.mktemp("environment")
-    venv.create(folder, with_pip=True)
-    links = folder / "dependencies"
-    links.mkdir()
-    for name in closure(requirements("ndf-core", "fit") | {"pytest", "setuptools"}):
-        distribution = metadata.distribution(name)
-        for top in {file.parts[0] for file in distribution.files or []} - {"..", "__pycache__"}:
-            target = Path(str(distribution.locate_file(top)))
-            if target.exists() and not (links / top).exists():
-                (links / top).symlink_to(target)
-    (site,) = folder.glob("lib/python*/site-packages")
-    (site / "dependencies.pth").write_text(f"{links}\n")
+    needs = {("ndf-core", frozenset({"fit"})), ("pytest", frozenset[str]()), ("setuptools", frozenset[str]())}
+    make_environment(folder, closure(needs) - {"ndf-core"}, with_pip=True)
     pytest_program = folder / "bin" / "pytest"
     pytest_program.write_text(f"#!{folder / 'bin' / 'python'}\nfrom pytest import console_main\n\nconsole_main()\n")
     pytest_program.chmod(0o755)
