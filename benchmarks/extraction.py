@@ -148,6 +148,7 @@ def main() -> None:
     parser.add_argument("--summary-only", action="store_true", help="from the results that are there")
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args()
+    options.results.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
     for name in [] if options.summary_only else options.shapes:
         path = options.results / f"extraction_{name}.json"
