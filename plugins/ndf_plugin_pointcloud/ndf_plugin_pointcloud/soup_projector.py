@@ -8,14 +8,13 @@ from numpy import ndarray as Array
 
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.kernels.winding import WindingTree
+from ndf_plugin_pointcloud.caps import take_caps
 from ndf_plugin_pointcloud.landing import Landing, LandingProjector
 from ndf_plugin_pointcloud.tracing_projector import TOLERANCE, TracingProjector
 from ndf_plugin_pointcloud.triangles import Triangles
 
 _ON_EDGE = 1e-9
 """Barycentric coordinates below this count as zero."""
-_UNSURE = 0.25
-"""Queries with w this near to 1/2 may be next to a cap: beside triangles that close up w is about 0 or 1."""
 _AT = 2.0
 """A ray that ends this many tolerances from the closest triangle ends on it."""
 
@@ -66,34 +65,9 @@ class SoupProjector(LandingProjector):
             nearer = landed & (np.linalg.norm(points - query[other], axis=1) < np.where(hit, distance, np.inf)[other])
             found[other[nearer]], normals[other[nearer]] = points[nearer], slopes[nearer]
             hit[other[nearer]] = True
-        self._take_caps(query, found, normals, hit, threads)
-        return Landing(found, normals, hit)
-
-    def _take_caps(
-        self,
-        query: Float[Array, "n 3"],
-        found: Float[Array, "n 3"],
-        normals: Float[Array, "n 3"],
-        hit: Bool[Array, " n"],
-        threads: int,
-    ) -> None:
-        """Replace landings, in place, by those on caps that are nearer."""
-        w = self._tree.values(query, threads)
-        rows = np.flatnonzero(np.abs(w - 0.5) < _UNSURE)
-        if not len(rows):
-            return
-        here = query[rows]
-        gradients = self._tree.values_and_gradients(here, threads)[1]
-        steepness = np.linalg.norm(gradients, axis=1)
-        safe = np.maximum(steepness, 1e-300)
-        slopes, heights = -gradients / safe[:, None], (0.5 - w[rows]) / safe
-        reaches = np.where(hit[rows], np.linalg.norm(found[rows] - here, axis=1), self._size)
-        steps = np.minimum(np.abs(heights), reaches)
-        way = self._tree.trace(here, slopes, heights, steps, reaches, self._tolerance, threads)
-        nearer = (np.abs(way) < reaches) & (steepness > 0)  # also false for NaN
-        rows, way, slopes = rows[nearer], way[nearer], slopes[nearer]
-        found[rows] = query[rows] + way[:, None] * slopes
-        normals[rows], hit[rows] = slopes, True
+        landing = Landing(found, normals, hit)
+        take_caps(landing, query, np.arange(len(query)), self._tree, self._size, self._tolerance, threads)
+        return landing
 
     def _on_rim(self, face: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Bool[Array, " n"]:
         """Whether the closest point is on an edge with other than two triangles."""

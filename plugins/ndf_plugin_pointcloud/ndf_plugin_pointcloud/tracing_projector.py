@@ -7,6 +7,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ndf_core.kernels.winding import WindingTree
+from ndf_plugin_pointcloud.caps import take_caps
 from ndf_plugin_pointcloud.directions import Neighbourhood
 from ndf_plugin_pointcloud.landing import Landing, LandingProjector
 
@@ -16,13 +17,16 @@ _REACH = 2.0
 """Rays go so many distances to the nearest sample and ..."""
 _SPACINGS = 4.0
 """... so many of its disc's radii: the nearest crossing is no farther, and other ones do not count."""
+_AWAY = 3.0
+"""Queries so many radii from every sample may be over a hole."""
 
 
 class TracingProjector(LandingProjector):
     """Traces from each query along the paper's direction to the level set w = 1/2.
 
-    A query whose ray meets nothing (over a wide hole, say) goes along the gradient of w instead; what meets nothing
-    then either has not converged. Normals are the gradient of w, outwards.
+    A query whose ray meets nothing goes along the gradient of w instead; what meets nothing then either has not
+    converged. Over a hole the paper's direction is that of its rim, and a ray along it ends on the wall behind: there
+    the gradient is traced too, and the nearer landing counts. Normals are the gradient of w, outwards.
     """
 
     def __init__(self, tree: WindingTree, neighbourhood: Neighbourhood, size: float) -> None:
@@ -50,7 +54,10 @@ class TracingProjector(LandingProjector):
         converged = np.isfinite(way)
         found = query + np.where(converged, way, 0.0)[:, None] * outwards
         normals = _unit(-self._tree.values_and_gradients(found, threads)[1])
-        return Landing(found, normals, converged)
+        landing = Landing(found, normals, converged)
+        away = np.flatnonzero(near.distances > _AWAY * near.spacings)
+        take_caps(landing, query, away, self._tree, self._size, tolerance, threads)
+        return landing
 
 
 def _unit(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:

@@ -8,6 +8,7 @@ import torch
 import trimesh
 from clouds import closest, cloud, near, off_surface, ring
 from ndf_plugin_pointcloud.areas import point_areas
+from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor
 from ndf_plugin_pointcloud.noise import noise_level, smoothing_for
 from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
 from ndf_plugin_pointcloud.oriented_surface import open_oriented_points
@@ -49,6 +50,28 @@ def test_projections_land_on_the_shape(surface: Surface, shape: trimesh.Trimesh)
     assert found.normals is not None
     face = closest(shape, found.points.numpy())[2]
     assert np.einsum("nc,nc->n", found.normals.numpy(), shape.face_normals[face]).min() > 0.9
+
+
+def test_over_a_hole_projections_land_on_the_cap() -> None:
+    """The nearest samples are on the hole's rim, whose normals point along the cap: rays along them miss it."""
+    can = trimesh.creation.cylinder(0.4, 2.0, sections=96)
+    points, normals = cloud(can, 12_000)
+    kept = normals[:, 2] < 0.5  # no lid
+    surface = open_oriented_points((points[kept], normals[kept]), CONFIG)
+    vertices, faces = as_extractor(surface).dense[:2]
+    level_set = trimesh.Trimesh(vertices, faces, process=False)
+    lid = vertices[faces].mean(axis=1)[:, 2] > 0.9
+    queries = near(level_set.submesh([lid], append=True), 1000, 0.005)
+    found = surface.projector.project(torch.from_numpy(queries))
+    assert found.converged.double().mean() > 0.99
+    way = np.linalg.norm(found.points.numpy() - queries, axis=1)
+    beyond = way - closest(level_set, queries)[1]
+    assert np.quantile(beyond[found.converged.numpy()], 0.99) < 0.02
+
+
+def as_extractor(surface: Surface) -> WindingExtractor:
+    assert isinstance(surface.base_mesh, WindingExtractor)
+    return surface.base_mesh
 
 
 def test_noise_and_turned_normals_are_averaged(shape: trimesh.Trimesh) -> None:
