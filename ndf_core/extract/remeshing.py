@@ -30,7 +30,11 @@ DELAUNAY_SHARE = 0.985
 DELAUNAY_TOLERANCES = (TOLERANCE, 0.04, math.inf)
 FLIP_ROUNDS = 3
 """Times that edges are held, and tried again with their middles, in one pass of flips."""
+UNFOLD_EDITS = 4
 UNFOLD_ROUNDS = 4
+"""Times that edges at folds are halved."""
+MOST_UNFOLDING = 0.1
+"""Vertices that this may add, over those that there are."""
 STEADY_ROUNDS = 3
 """Rounds of splitting at one limit until `STALLED` is looked at."""
 STALLED = 0.7
@@ -164,8 +168,32 @@ class Remeshing:
                     return
 
     def _unfold(self, limit: float) -> None:
-        """Flip edges and move vertices where faces lie folded over each other."""
+        """Flip edges and move vertices where faces lie folded over each other; halve edges there if some are left.
+
+        Faces that are larger than a surface's detail fold where the surface does not. But a blade is as sharp between
+        halves as before, so vertices are added only up to a share.
+        """
+        self._unfold_by_edits(limit)
+        before = self._kernel.vertex_count
+        most = (1 + MOST_UNFOLDING) * before
         for _ in range(UNFOLD_ROUNDS):
+            with self._stage("split"):
+                middles = self._kernel.find_folded_edges()
+            if not 0 < len(middles.faces) <= most - self._kernel.vertex_count:
+                break
+            mapped = self._map(middles)
+            with self._stage("split"):
+                self._kernel.split(mapped)
+                longer, _ = self._kernel.find_long_edges(limit)
+            if len(longer.faces):
+                self._split(limit)
+            self._flip_to_delaunay(limit)
+            self._unfold_by_edits(limit)
+        if self._kernel.vertex_count > before:
+            self._flip_to_delaunay(limit)
+
+    def _unfold_by_edits(self, limit: float) -> None:
+        for _ in range(UNFOLD_EDITS):
             flips = self._flip(FlipAim.UNFOLD, limit)
             if not self._move(limit, math.inf, folded=True) and not flips:
                 return

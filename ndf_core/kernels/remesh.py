@@ -13,7 +13,6 @@ from numpy import ndarray as Array
 from ndf_core.annotations import Float, Int
 from ndf_core.kernels import _remesh  # pyright: ignore[reportAttributeAccessIssue]  # compiled, no stub
 
-
 _FACES_AT_A_TIME = 1 << 17
 """Edges are measured in so many faces at once; memory that is used again costs less than new memory."""
 
@@ -113,6 +112,10 @@ class RemeshKernel:
         """
         count, refused = _remesh.find_long(self._state, limit, along)
         return self._places(count), refused
+
+    def find_folded_edges(self) -> BasePoints:
+        """Middles of the longest edges of faces that lie folded over a neighbour, for `split`."""
+        return self._places(_remesh.find_folded(self._state))
 
     def split(self, mapped: Float[Array, "n 3"]) -> int:
         """Put vertices at the places found last, which are mapped to `mapped`; the number that was refused."""

@@ -116,7 +116,7 @@ asset = Asset.load(sys.argv[1])
 mesh = asset.extract(asset.default_edge_length * 5)
 write_mesh(sys.argv[2], mesh.vertices, mesh.faces)
 asset.info()
-heavy = ["jaxtyping", "torch", "scipy", "igl", "open3d", "trimesh", "rich", "pydantic", "skimage", "matplotlib", "numba"]
+heavy = ["jaxtyping", "torch", "scipy", "igl", "open3d", "trimesh", "rich", "pydantic", "skimage", "matplotlib"]
 print([name for name in heavy if name in sys.modules], any(name.startswith("ndf_plugin") for name in sys.modules))
 """
 

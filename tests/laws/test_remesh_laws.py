@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 from scipy.spatial import Delaunay
 from small_assets import Mesh, icosphere, open_grid, torus
 
-from ndf_core.kernels.mesh_check import check_mesh
+from ndf_core.kernels.mesh_check import check_mesh, measure_mesh
 from ndf_core.kernels.reference import remesh as reference
 from ndf_core.kernels.remesh import BasePoints, FlipAim, RemeshKernel
 
@@ -216,6 +216,29 @@ def test_degenerate_base_meshes_are_refined_like_others(mesh: Mesh) -> None:
     np.testing.assert_allclose(now.mapped, mapped(now.points), atol=1e-12)
     longest = np.linalg.norm(now.mapped[now.faces] - now.mapped[np.roll(now.faces, -1, axis=1)], axis=2)
     assert np.median(longest) < 0.3
+
+
+def test_halving_edges_at_folds_unfolds_what_is_round() -> None:
+    """A lens has a round rim; triangles that are large for it lie folded over each other there."""
+    vertices, faces = icosphere(1)
+    twins = check_mesh(faces, len(vertices)).twins
+    lens = np.array([1.0, 1.0, 0.1])
+
+    def mapped(points: BasePoints) -> Float[Array, "n 3"]:
+        on_faces = np.einsum("nk,nkc->nc", points.barycentric, vertices[faces[points.faces]])
+        return on_faces / np.linalg.norm(on_faces, axis=1, keepdims=True) * lens
+
+    def folded_area() -> float:
+        now = kernel.triangulation()
+        return measure_mesh(now.mapped, now.faces, check_mesh(now.faces, len(now.mapped)).twins).folded_area
+
+    kernel = RemeshKernel(vertices, faces, twins, vertices * lens)
+    assert folded_area() > 0.04
+    while len((places := kernel.find_folded_edges()).faces) and kernel.vertex_count < 4 * len(vertices):
+        kernel.split(mapped(places))
+        kernel.flip(FlipAim.DELAUNAY, np.inf)
+    assert folded_area() == 0
+    assert kernel.vertex_count < 2 * len(vertices)
 
 
 def test_the_same_on_every_run() -> None:

@@ -122,6 +122,18 @@ static PyObject *find_long(PyObject *self, PyObject *args)
     return done ? Py_BuildValue("ii", state->places.count, refused) : PyErr_NoMemory();
 }
 
+/* find_folded(state) -> places */
+static PyObject *find_folded(PyObject *self, PyObject *capsule)
+{
+    int done;
+    State *state = state_of(capsule);
+    if (!state) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    done = find_folded_edges(&state->mesh, &state->places);
+    Py_END_ALLOW_THREADS
+    return done ? PyLong_FromLong(state->places.count) : PyErr_NoMemory();
+}
+
 /* find_moves(state, folded, limit) -> places */
 static PyObject *find_shifts(PyObject *self, PyObject *args)
 {
@@ -386,6 +398,7 @@ static PyMethodDef methods[] = {
     {"size", size, METH_O, "size(state) -> (vertices, faces)"},
     {"measure", measure, METH_O, "measure(state) -> (area, longest edge)"},
     {"find_long", find_long, METH_VARARGS, "find_long(state, limit, along) -> (places, refused)"},
+    {"find_folded", find_folded, METH_O, "find_folded(state) -> places"},
     {"find_moves", find_shifts, METH_VARARGS, "find_moves(state, folded, limit) -> places"},
     {"places", places, METH_VARARGS, "places(state, faces, weights)"},
     {"split", split, METH_VARARGS, "split(state, mapped) -> (refused, 0)"},

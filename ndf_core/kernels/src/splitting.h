@@ -2,7 +2,7 @@
 #ifndef NDF_SPLITTING_H
 #define NDF_SPLITTING_H
 
-#include "mapped.h"
+#include "flipping.h"
 
 /* ---- long edges ---- */
 
@@ -57,6 +57,40 @@ static int find_long_edges(const Triangulation *mesh, double limit, int along, P
             ++*refused;
         else
             done = places_add(places, h, &middle);
+    }
+    free(marks);
+    return done;
+}
+
+/* The longest edge of the face of h, by its length in space. */
+static int32_t longest_edge(const Triangulation *mesh, int32_t h)
+{
+    int32_t longest = h;
+    for (int32_t other = next(h); other != h; other = next(other))
+        if (mapped_square(mesh, other) > mapped_square(mesh, longest)) longest = other;
+    return longest;
+}
+
+/* Middles of the longest edges of faces that lie folded over a neighbour. Returns 0 without memory. */
+static int find_folded_edges(const Triangulation *mesh, Places *places)
+{
+    uint8_t *marks = calloc(3 * (size_t)mesh->faces + 1, 1);
+    int done = marks != NULL;
+    places->count = 0;
+    for (int32_t h = 0; done && h < 3 * mesh->faces; h++) {
+        int32_t g = mesh->twin[h];
+        if (mesh->corner[h] < 0 || g < 0
+            || !are_folded(mapped_at(mesh, mesh->corner[h]), mapped_at(mesh, mesh->corner[g]),
+                           mapped_at(mesh, mesh->corner[previous(h)]), mapped_at(mesh, mesh->corner[previous(g)])))
+            continue;
+        int32_t longest = longest_edge(mesh, h);
+        Point middle;
+        if (marks[longest]
+            || !find_middle(mesh, mesh->corner[longest], mesh->home[longest], mesh->vector[longest], &middle))
+            continue;
+        marks[longest] = 1;
+        if (mesh->twin[longest] >= 0) marks[mesh->twin[longest]] = 1;
+        done = places_add(places, longest, &middle);
     }
     free(marks);
     return done;
