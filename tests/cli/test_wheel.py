@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 import venv
 import zipfile
 from pathlib import Path
@@ -29,8 +30,9 @@ def run(*command: str | Path) -> str:
 def client(core_wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of executables of an environment with the wheel in it."""
     folder = tmp_path_factory.mktemp("client")
-    venv.create(folder, with_pip=True)
-    run(folder / "bin" / "python", "-m", "pip", "install", "--quiet", core_wheel)
+    venv.create(folder)
+    pip = [sys.executable, "-m", "pip", "--python", folder / "bin" / "python"]
+    run(*pip, "install", "--quiet", "--no-compile", core_wheel)
     return folder / "bin"
 
 

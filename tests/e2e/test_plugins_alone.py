@@ -59,7 +59,7 @@ def test_a_plugin_works_alone(name: str, core_wheel: Path, tmp_path: Path) -> No
     declared = tomllib.loads((project / "pyproject.toml").read_text())["project"]
     lines = [*declared["dependencies"], *declared["optional-dependencies"]["test"], "setuptools"]
     needs = closure({(need.name, frozenset(need.extras)) for need in map(Requirement, lines)}) - {"ndf-core"}
-    python = make_environment(tmp_path / "environment", needs, with_pip=False) / "python"
+    python = make_environment(tmp_path / "environment", needs) / "python"
     pip = [sys.executable, "-m", "pip", "--python", str(python), "--disable-pip-version-check"]
     run(*pip, "install", "-q", "--no-index", "--no-build-isolation", core_wheel, f"{project}[test]", cwd=tmp_path)
     shutil.rmtree(project / package)  # the tests shall find what is installed

@@ -25,14 +25,15 @@ def python(tmp_path_factory: pytest.TempPathFactory, core_wheel: Path) -> Path:
     ndf comes from the wheel, by the tutorial's own pip commands.
     """
     folder = tmp_path_factory.mktemp("environment")
-    needs = {("ndf-core", frozenset({"fit"})), ("pytest", frozenset[str]()), ("setuptools", frozenset[str]())}
-    make_environment(folder, closure(needs) - {"ndf-core"}, with_pip=True)
-    pytest_program = folder / "bin" / "pytest"
-    pytest_program.write_text(f"#!{folder / 'bin' / 'python'}\nfrom pytest import console_main\n\nconsole_main()\n")
-    pytest_program.chmod(0o755)
-    # What comes with Python 3.11 is too old to build with, and would hide the link.
-    subprocess.run([folder / "bin" / "pip", "uninstall", "--quiet", "--yes", "setuptools"], capture_output=True)
-    return folder / "bin"
+    tools = {(name, frozenset[str]()) for name in ("pip", "pytest", "setuptools")}
+    programs = make_environment(folder, closure({("ndf-core", frozenset({"fit"})), *tools}) - {"ndf-core"})
+    for name, start in {
+        "pip": "pip._internal.cli.main import main",
+        "pytest": "pytest import console_main as main",
+    }.items():
+        (programs / name).write_text(f"#!{programs / 'python'}\nimport sys\nfrom {start}\n\nsys.exit(main())\n")
+        (programs / name).chmod(0o755)
+    return programs
 
 
 def test_the_tutorial_ends_with_a_working_plugin(python: Path, core_wheel: Path, tmp_path: Path) -> None:

@@ -30,13 +30,13 @@ def closure(needs: set[tuple[str, frozenset[str]]]) -> set[str]:
     return {name for name, _ in done}
 
 
-def make_environment(folder: Path, names: Iterable[str], with_pip: bool) -> Path:
+def make_environment(folder: Path, names: Iterable[str]) -> Path:
     """The folder of executables of a new environment.
 
     Its packages are links to those installed here, since torch alone takes minutes to install. Of ndf itself there is
     nothing: that comes from wheels.
     """
-    venv.create(folder, with_pip=with_pip)
+    venv.create(folder)
     links = folder / "dependencies"
     links.mkdir()
     for name in names:
