@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from threading import Thread
 from typing import Generic, TypeVar
@@ -45,7 +45,7 @@ def guarded(call: Callable[[], T], what: str, seconds: float | None = SECONDS) -
         except BaseException as error:
             outcome.error = error
 
-    with redirect_stdout(sys.stderr):
+    with redirect_stdout(sys.stderr), redirect_stderr(sys.stderr):  # both are put back, whatever it made of them
         if seconds is None:
             work()
         else:
