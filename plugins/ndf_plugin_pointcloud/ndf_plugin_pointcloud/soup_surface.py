@@ -19,7 +19,7 @@ from ndf_core.readers.mesh_file import read_mesh_file
 from ndf_core.readers.polygons import RawMesh
 from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, offset_surface
 from ndf_core.surfaces.fingerprint import fingerprint
-from ndf_plugin_pointcloud.defaults import WINDING_DEFAULTS
+from ndf_plugin_pointcloud.defaults import CLOSEST_DEFAULTS, WINDING_DEFAULTS
 from ndf_plugin_pointcloud.directions import Neighbourhood
 from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor, sample_by_landing
 from ndf_plugin_pointcloud.patches import orient_soup
@@ -108,7 +108,7 @@ def _wound(soup: Triangles, tree: WindingTree, config: SoupConfig, digest: str, 
         base_mesh=extractor,
         projector=projector,
         fingerprint=digest,
-        training_defaults=WINDING_DEFAULTS,
+        training_defaults=CLOSEST_DEFAULTS,
         sample=lambda count, rng: sample_by_landing(*extractor.dense[:2], projector.land, count, rng),
         notes=tuple(notes),
     )

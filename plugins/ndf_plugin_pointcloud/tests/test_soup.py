@@ -158,3 +158,15 @@ def test_a_surface_of_very_large_area_is_looked_at_with_larger_cells() -> None:
     assert cells[0] > 800
     assert cells[1] == pytest.approx(2 * cells[2], abs=2)
     assert 48 < cells[2] < 100
+
+
+def test_a_soup_that_lands_on_triangles_is_fitted_with_the_weights_of_a_mesh() -> None:
+    """A dilation keeps those of traced rays."""
+    shape = ring()
+    given = [
+        open_soup(
+            (shape.vertices, shape.faces), SoupConfig(resolution=64, method=method, radius=0.2)
+        ).training_defaults["loss"]
+        for method in ("winding", "dilation")
+    ]
+    assert given == [{"cycle": 1e2, "projection": 1e4}, {"cycle": 1e4, "projection": 1e4}]
