@@ -16,7 +16,7 @@ from ndf_core.base_mesh.level_set import LevelSetExtractor, LevelSetPolicy
 from ndf_core.cli import main
 from ndf_core.config import resolve
 from ndf_core.config.layers import Layer
-from ndf_core.fitting import pipeline, quantise
+from ndf_core.fitting import pipeline, quantise, registration, shared_base
 from ndf_core.fitting.measure import measure
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -33,6 +33,10 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline, "measure", partial(measure, samples=2000))
     monkeypatch.setattr(dense_map, "__defaults__", (10_000,))
     monkeypatch.setattr(quantise, "_SAMPLES", 2000)
+    monkeypatch.setattr(shared_base, "TARGET_FACES", 2000)
+    monkeypatch.setattr(shared_base, "_START_STEPS", 3)
+    monkeypatch.setattr(registration, "_STEPS", 10)
+    monkeypatch.setattr(registration, "_ROUNDS", 1)
     monkeypatch.setattr(quantise, "_PROBE_SAMPLES", 500)
     make = LevelSetExtractor.__init__
 
