@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import signal
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from small_assets import icosphere, small_content, torus
-from small_surfaces import CENTER, RADIUS, sphere_surface, tiny_config
+from small_surfaces import CENTER, RADIUS, Altered, SphereProjector, sphere_surface, tiny_config
+from torch import Tensor
 
 from ndf_core.asset.asset import Asset
 from ndf_core.asset.transfer import copy_field
@@ -17,6 +20,7 @@ from ndf_core.cli import main
 from ndf_core.errors import AssetError, BaseMeshError, ConfigError
 from ndf_core.fitting import shared_base
 from ndf_core.fitting.pipeline import FitResult, run_fit
+from ndf_core.interfaces import Projection, Surface
 
 SMALL = Asset(small_content(icosphere(2), amplitude=0.0))
 """A sphere of radius 1.5 around the origin, with one field beside the displacement."""
@@ -30,14 +34,15 @@ def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shared_base, "TARGET_FACES", 1000)
 
 
-def turned_fit(folder: Path, asset: Asset = SMALL) -> FitResult:
+def turned_fit(folder: Path, asset: Asset = SMALL, surface: Surface | None = None, **how: Any) -> FitResult:
     """The sphere's base mesh on another sphere, turned by 90 degrees."""
+    steps = how.pop("steps", 150)
     asset.save(folder / "small.ndf")
     middles = asset.map_points(*asset.locate(1.5 * AXES)[:2])
     pairs = np.column_stack([middles, np.array(CENTER) + RADIUS * AXES @ QUARTER.T])
     np.savetxt(folder / "pairs.csv", pairs, delimiter=",")
-    config = tiny_config(base_from=str(folder / "small.ndf"), anchors=str(folder / "pairs.csv"), steps=150)
-    return run_fit(sphere_surface(), config)
+    config = tiny_config(base_from=str(folder / "small.ndf"), anchors=str(folder / "pairs.csv"), steps=steps)
+    return run_fit(surface or sphere_surface(), config, **how)
 
 
 @pytest.mark.slow
@@ -60,6 +65,27 @@ def test_the_base_mesh_is_the_other_assets_and_anchors_are_met(tmp_path: Path) -
     np.testing.assert_array_equal(
         copied.evaluate(faces, weights, "mark"), with_field("mark").evaluate(faces, weights, "mark")
     )
+
+
+@pytest.mark.slow
+def test_an_interrupted_map_goes_on(tmp_path: Path) -> None:
+    """The checkpoint holds the map: nothing is registered again, and the bytes are the uninterrupted run's."""
+    calls = 0
+
+    def press(_query: Tensor, answer: Projection) -> Projection:
+        nonlocal calls
+        calls += 1
+        if calls == 4:
+            signal.raise_signal(signal.SIGINT)
+        return answer
+
+    output = tmp_path / "map.ndf"
+    turned_fit(tmp_path, output=output, steps=12)
+    whole = output.read_bytes()
+    with pytest.raises(KeyboardInterrupt):
+        turned_fit(tmp_path, surface=sphere_surface(Altered(SphereProjector(), press)), output=output, steps=12)
+    turned_fit(tmp_path, output=output, resume=True, steps=12)
+    assert output.read_bytes() == whole
 
 
 def test_another_topology_is_refused(tmp_path: Path) -> None:
