@@ -27,7 +27,7 @@ from ndf_core.render import Camera, colormap, panels, render_mesh, write_png
 HERE = Path(__file__).resolve().parent
 SHIPPED = HERE.parent / "shapes" / "bracket.toml"
 Image = UInt8[Array, "h w 3"]
-EDGES = 40
+EDGES = 30
 """The longest side over the edge length that the client cuts and spreads impacts on."""
 
 
