@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from client import FIELD
 from jaxtyping import Bool
 from modes import Mode, fracture_modes
 from numpy import ndarray as Array
@@ -15,8 +16,6 @@ from ndf_core.asset.asset import Asset
 from ndf_core.config.field import FieldConfig
 from ndf_core.fitting.field_fit import FieldFit, fit_field
 from ndf_core.fitting.field_values import FieldValues
-
-FIELD = "pieces"
 
 
 def with_modes(
