@@ -23,7 +23,8 @@ def extract_mesh(
 
     Laws: closed and manifold wherever the base mesh is, with its Euler characteristic; no edge is longer than
     `edge_length`, but for `unsplit_edges`; the same bit for bit for every number of threads; the base mesh's
-    vertices are kept, so an edge length beyond every mapped edge gives those alone.
+    vertices are kept, so an edge length beyond every mapped edge gives those, and others only where faces would lie
+    folded over each other.
 
     Args:
         asset: What to extract from.
