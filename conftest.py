@@ -32,5 +32,5 @@ def shared_data() -> Path:
     """Folder of real files; skips where there is none."""
     folder = Path(__file__).resolve().parent.parent / "shared" / "data"
     if not folder.is_dir():
-        pytest.skip("the data folder ../shared/data is not beside the repository")
+        pytest.skip("needs the real files of ../shared/data; they are not part of the repository, and not here")
     return folder

@@ -23,7 +23,10 @@ from ndf_core.asset.asset import Asset
 from ndf_core.fitting.checkpoint import read_checkpoint
 from ndf_core.meshio import write_mesh
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="kills forked processes; this system has none"),
+]
 
 KILLS = 20
 OPTIONS = shlex.split(
