@@ -63,12 +63,14 @@ def _page(title: str, path: Path, has_figure: bool) -> str:
 
 
 def _tables(data: Any, heading: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """What can be shown as rows: lists of mappings, mappings of mappings, and what is left as one row a name."""
+    """What can be shown as rows: lists of mappings, mappings of mappings (a table for each name
+    where those hold nothing but mappings), and what is left as one row a name."""
     if isinstance(data, list) and data and all(isinstance(row, dict) for row in data):
         yield heading, [_flat(row) for row in data]
     elif isinstance(data, dict):
         inner = {key: value for key, value in data.items() if isinstance(value, dict)}
-        if len(inner) > 1 and len(inner) == len(data):
+        deeper = all(isinstance(item, dict) for value in inner.values() for item in value.values())
+        if len(inner) > 1 and len(inner) == len(data) and not deeper:
             yield heading, [{"": key, **_flat(value)} for key, value in inner.items()]
             return
         plain = _flat({key: value for key, value in data.items() if not isinstance(value, (dict, list))})
