@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
@@ -36,7 +35,7 @@ SEED = 77_003
 """Neither the fit (its seed) nor the figures in the asset (its seed plus one) use these samples."""
 DIRECTIONS = ("field_to_surface", "surface_to_field")
 STATISTICS = ("rms", "mean", "p99", "max")
-SHARES = ("two_sided_rms", "cycle_loss", "folded_area", "folded_area_floor", "opposed_area", "converged")
+SHARES = ("two_sided_rms", "cycle_loss", "folded_area", "against_area", "opposed_area", "converged")
 NAMES = (*(f"{side}.{name}" for side in DIRECTIONS for name in STATISTICS), *SHARES, "asset_bytes")
 
 
@@ -80,9 +79,9 @@ def measure_asset(
 ) -> dict[str, Any]:
     """All figures of an asset, JSON-ready. Lengths are shares of the longest side of its base mesh.
 
-    `cycle_loss` is the mean squared error of the inverse in the paper's box, None without one. `folded_area` is the
-    share of the mapped area that faces against the surface's normal at its projection; `folded_area_floor` what that
-    is on the surface itself, moved by the rms distance (None without samples of it); `opposed_area` the share of the
+    `cycle_loss` is the mean squared error of the inverse in the paper's box, None without one. `against_area` is
+    the share of the mapped area that faces against the surface's normal at its projection, `folded_area` what of it
+    faces against all of the surface near it, across edges too; `opposed_area` the share of the
     triangles of the dense mapped mesh with a neighbour folded over them (unit normals' product below -1/2).
     """
     content = asset.content
@@ -113,9 +112,7 @@ def measure_asset(
         "two_sided_rms": accuracy.two_sided_rms,
         "cycle_loss": accuracy.cycle_loss,
         "folded_area": accuracy.folded_area,
-        "folded_area_floor": folded_floor(
-            surface, accuracy.field_to_surface.rms * 3 * content.scale, samples, np.random.default_rng(seed)
-        ),
+        "against_area": accuracy.against_area,
         "opposed_area": opposed_area(dense_map(len(content.faces), mapped), content.faces),
         "converged": accuracy.converged,
         "asset_bytes": asset.size,
@@ -125,25 +122,6 @@ def measure_asset(
         "samples": samples,
         "seed": seed,
     }
-
-
-def folded_floor(surface: Surface, distance: float, samples: int, rng: np.random.Generator) -> float | None:
-    """Share of a surface's own samples that face against its normal at their projections, once they are moved along
-    their normals by `distance` (rms, normally distributed, input units): beside edges that bend by more than 90
-    degrees the closest point may be across the edge. A field of that error can have no less folded area, but by luck.
-    """
-    if surface.sample is None:
-        return None
-    points, normals = surface.sample(samples, rng)
-    if normals is None:
-        return None
-    moved = points + distance * rng.normal(size=(len(points), 1)) * normals
-    directions = torch.from_numpy(normals) if surface.projector.needs_directions else None
-    projection = surface.projector.project(torch.from_numpy(moved), directions)
-    if projection.normals is None:
-        return None
-    against = (projection.normals.numpy() * normals).sum(1) < 0
-    return float(against[projection.converged.numpy()].mean())
 
 
 def opposed_area(dense: DenseMap, base_faces: Int[Array, "f 3"]) -> float:

@@ -51,7 +51,10 @@ class FitConfig(BaseModel):
     seed: int = Field(default=0, ge=0, lt=2**63, description="seed of everything random")
     device: Literal["auto", "cpu", "cuda"] = Field("auto", description="where the networks are trained")
     threads: int = Field(
-        default=0, ge=0, le=1024, description="CPU threads, 0 for all; part of what makes a run repeatable"
+        default=0,
+        ge=0,
+        le=1024,
+        description="CPU threads; 0 for all, in training for as many as pay. Part of what makes a run repeatable",
     )
     loss: LossWeights = LossWeights()
     anchors: str | None = Field(

@@ -7,13 +7,18 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from ndf_core.asset.dense_map import DenseMap, Map, dense_map, even_samples
 from ndf_core.fitting.projection import BoxProjector
 from ndf_core.interfaces import Surface
 from ndf_core.kernels.bvh import TriangleBVH
+
+_PROBES = 64
+"""Places around a point from which the surface near it is looked for."""
+_MOST_PROBED = 2000
+"""Points that are looked around; of more, an even share."""
 
 Inverse = Callable[[Float[Array, "n 3"]], Float[Array, "n 3"]]
 
@@ -37,8 +42,10 @@ class Accuracy:
     """None where the surface cannot be sampled."""
     cycle_loss: float | None
     """Mean of |inverse(g(x)) - x|^2 in the box frame (Sec. 3.2); None without an inverse network."""
-    folded_area: float | None
+    against_area: float | None
     """Share of the mapped area that faces against the surface's normal at its projection; None without normals."""
+    folded_area: float | None
+    """What of it faces against all of the surface near it: within three times its distance, or the rms distance."""
     converged: float
     """Share of the samples that could be projected."""
     samples: int
@@ -87,9 +94,15 @@ def measure(
     projection = projector.project(torch.from_numpy(mapped), directions)
     converged = projection.converged.numpy()
     distance = np.linalg.norm(mapped - projection.points.numpy(), axis=1)[converged]
-    folded = None
+    against = folded = None
     if projection.normals is not None and len(distance):
-        folded = float(((normals * projection.normals.numpy()).sum(1)[converged] < 0).mean())
+        rows = np.flatnonzero(((normals * projection.normals.numpy()).sum(1) < 0) & converged)
+        against = folded = len(rows) / len(distance)
+        if len(rows):
+            rows = rows[:: -(-len(rows) // _MOST_PROBED)]
+            away = np.linalg.norm(mapped[rows] - projection.points.numpy()[rows], axis=1)
+            reach = 3 * np.maximum(away, np.sqrt((distance**2).mean()))
+            folded *= float(_folded(mapped[rows], normals[rows], reach, projector).mean())
     cycle = None
     if inverse is not None:
         cycle = float(((inverse(mapped) - base_positions(faces, barycentric)) ** 2).sum(1).mean())
@@ -97,10 +110,39 @@ def measure(
         field_to_surface=_statistics(distance),
         surface_to_field=_surface_to_field(dense, surface, center, scale, samples, rng, threads),
         cycle_loss=cycle,
+        against_area=against,
         folded_area=folded,
         converged=float(converged.mean()),
         samples=samples,
     )
+
+
+def _folded(
+    points: Float[Array, "n 3"], normals: Float[Array, "n 3"], reach: Float[Array, " n"], projector: BoxProjector
+) -> Bool[Array, " n"]:
+    """Which of these points face against all of the surface within `reach`.
+
+    Beside an edge that bends by more than 90 degrees the closest point may lie across it, and its normal against the
+    map's, without any fold: a surface moved along its own normals has such points, as far from the edge as it was
+    moved. So the surface is also projected to from a sphere around each.
+    """
+    probes = (points[:, None] + reach[:, None, None] * _sphere(_PROBES)).reshape(-1, 3)
+    directions = np.repeat(normals, _PROBES, axis=0)
+    found = projector.project(
+        torch.from_numpy(probes), torch.from_numpy(directions) if projector.needs_directions else None
+    )
+    assert found.normals is not None, "the surface has normals"
+    away = np.linalg.norm(found.points.numpy() - np.repeat(points, _PROBES, axis=0), axis=1)
+    along = (found.normals.numpy() * directions).sum(1) > 0
+    near = (away <= np.repeat(reach, _PROBES)) & found.converged.numpy()
+    return ~(near & along).reshape(-1, _PROBES).any(1)
+
+
+def _sphere(count: int) -> Float[Array, "n 3"]:
+    """Unit vectors spread evenly (Fibonacci)."""
+    step = np.arange(count) + 0.5
+    polar, around = np.arccos(1 - 2 * step / count), np.pi * (1 + 5**0.5) * step
+    return np.stack([np.cos(around) * np.sin(polar), np.sin(around) * np.sin(polar), np.cos(polar)], axis=1)
 
 
 def _surface_to_field(

@@ -39,7 +39,7 @@ from ndf_core.fitting.observer import Observer, Observers
 from ndf_core.fitting.projection import BoxProjector
 from ndf_core.fitting.quantise import quantise
 from ndf_core.fitting.shared_base import TARGET_FACES, SharedBase, train_start
-from ndf_core.fitting.trainer import Trainer
+from ndf_core.fitting.trainer import Trainer, worthwhile_workers
 from ndf_core.interfaces import BaseMesh, Remark, Surface
 from ndf_core.mesh import topology
 
@@ -144,6 +144,7 @@ class _Run:
     ) -> None:
         self._surface, self._config, self._observer = surface, config, observer
         self._output, self._device, self._threads = output, device, threads
+        self._workers = config.threads or min(threads, worthwhile_workers(config.batch))
         self._clock = _Clock(observer)
         self._remarks: tuple[Remark, ...] = ()
         self._pairs = _anchor_pairs(config)
@@ -169,7 +170,7 @@ class _Run:
             if self._shared is not None and self._drawn_over is not None:
                 start = self._shared.start(base, self._drawn_over, config.seed)
                 train_start(parameters, geometry, start, self._training)
-        trainer = Trainer(parameters, geometry, projector, self._training, self._observer, anchors, self._threads)
+        trainer = Trainer(parameters, geometry, projector, self._training, self._observer, anchors, self._workers)
         if held is not None:
             trainer.load_state(held)
             self._observer.message(f"resumed at step {trainer.step_count} of {config.steps}")
@@ -196,7 +197,7 @@ class _Run:
     def _identity(self) -> dict[str, Any]:
         """What a checkpoint must agree with."""
         config = self._options("checkpoint_seconds")
-        config["threads"], config["device"] = self._threads, self._device.type
+        config["threads"], config["device"] = self._workers, self._device.type
         return {
             **config,
             "representation": self._surface.representation,
@@ -320,7 +321,7 @@ class _Run:
             "longest_side": side,
             "error": accuracy.as_dict(),
             "device": self._device.type,
-            "threads": self._threads,
+            "threads": self._workers,
             **({"colors": self._color_report} if self._color_report else {}),
         }
 

@@ -25,6 +25,7 @@ from small_surfaces import (
     without_normals,
 )
 
+import ndf_core
 from ndf_core.fitting import measure as measure_module
 from ndf_core.fitting.measure import Accuracy, dense_map, measure
 from ndf_core.interfaces import Projection, Projector, Surface
@@ -134,6 +135,23 @@ class TestFolds:
 
     def test_inside_out(self) -> None:
         assert measured(lambda faces, weights: identity(faces, weights[:, [0, 2, 1]])).folded_area == 1
+
+    def test_across_a_sharp_edge_is_no_fold(self) -> None:
+        """A tetrahedron moved inwards by t: nearer to the next face than t it faces against its projection."""
+        corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+        faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+        across, inwards = face_normals(corners, faces), 0.02
+        normals = across / np.linalg.norm(across, axis=1, keepdims=True)
+
+        def moved(index: Int[Array, " n"], barycentric: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+            return np.einsum("nc,ncx->nx", barycentric, corners[faces[index]]) - inwards * normals[index]
+
+        surface = ndf_core.open((corners, faces), "mesh")
+        found = measure(moved, 4, surface, np.zeros(3), 1.0, moved, samples=20_000)
+        # cos a = 1 / 3 between faces: the strip along the three edges is t (1 / sin a + 1 / tan a) = sqrt(2) t wide.
+        # Edges are sqrt(8) long, faces have the area 2 sqrt(3).
+        assert found.against_area == pytest.approx(3 * np.sqrt(8) * np.sqrt(2) * inwards / (2 * np.sqrt(3)), rel=0.1)
+        assert found.folded_area == 0
 
 
 class TestFaults:

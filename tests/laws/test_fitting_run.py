@@ -360,6 +360,15 @@ def test_without_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fit(None, device="auto", steps=1).report["device"] == "cpu"
 
 
+@pytest.mark.parametrize(("batch", "workers"), [(200, 1), (3072, 4)])
+def test_threads_of_a_large_machine_wait_for_each_other(
+    monkeypatch: pytest.MonkeyPatch, batch: int, workers: int
+) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 64)
+    assert fit(None, threads=0, batch=batch, steps=2).report["threads"] == workers
+    assert fit(None, threads=5, batch=batch, steps=2).report["threads"] == 5
+
+
 def test_torch_threads_are_given_back() -> None:
     before = torch.get_num_threads()
     fit(None, steps=1)

@@ -165,24 +165,3 @@ def test_the_script_gates_and_writes_one_object(
     assert "not met: field_to_surface.rms" in capsys.readouterr().err
     assert accuracy.main([*given, "--require", "nothing=0"]) == 2
     assert accuracy.main([given[1], *given[1:]]) == 3
-
-
-def test_the_floor_of_folded_area_is_that_of_edges_beyond_90_degrees() -> None:
-    """Inside a tetrahedron, points that are nearer to the next face than they moved face against it."""
-    corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
-    faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
-    tetrahedron = ndf_core.open((corners, faces), "mesh")
-    small, large = (accuracy.folded_floor(tetrahedron, d, SAMPLES, np.random.default_rng(0)) for d in (0.005, 0.05))
-    # A point moved inwards by t is nearer to the next face within t (1 / sin a + 1 / tan a) = sqrt(2) t of the edge,
-    # cos a = 1 / 3; inwards moves have the mean 0.05 / sqrt(2 pi); edges are sqrt(8) long, faces have 2 sqrt(3).
-    strip = 3 * np.sqrt(8) * np.sqrt(2) / (2 * np.sqrt(3))
-    assert large == pytest.approx(strip * 0.05 / np.sqrt(2 * np.pi), rel=0.1)
-    assert small == pytest.approx(large / 10, rel=0.35)
-    cube = ndf_core.open(box_mesh(), "mesh")
-    assert accuracy.folded_floor(cube, 0.05, SAMPLES, np.random.default_rng(0)) == 0
-
-
-def box_mesh() -> tuple[Array, Array]:
-    corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
-    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    return corners, np.array([[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads])
