@@ -18,15 +18,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+import ndf_core
 from ndf_core.asset.asset import Asset
 from ndf_core.errors import NdfError
 from ndf_core.extract.extract import extract_mesh
+from ndf_core.fitting.measure import facing_away
+from ndf_core.fitting.projection import BoxProjector
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.kernels.mesh_check import check_mesh, measure_mesh
-from ndf_core.mesh import topology
+from ndf_core.mesh import face_normals, topology
 from ndf_core.readers.mesh_file import read_mesh_file
 
 HERE = Path(__file__).resolve().parent
@@ -45,8 +49,8 @@ def min_angles(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Float
     return smallest
 
 
-def measure(asset: Asset, edge_length: float) -> dict[str, Any]:
-    """One row; `edge_length` in the box of 3."""
+def measure(asset: Asset, edge_length: float, projector: BoxProjector) -> dict[str, Any]:
+    """One row; `edge_length` in the box of 3, `projector` the input's."""
     start = time.process_time()
     mesh = extract_mesh(asset, edge_length * asset.content.scale)
     seconds = time.process_time() - start
@@ -73,8 +77,34 @@ def measure(asset: Asset, edge_length: float) -> dict[str, Any]:
         "mean_edge": float(edges.mean()),
         "unsplit_edges": statistics["unsplit_edges"],
         "folded_area": statistics["folded_area"],
+        "folded_off_input": folds_off_input(
+            (mesh.vertices - asset.content.center) / asset.content.scale, mesh.faces, projector
+        ),
         "self_intersections": len(TriangleBVH(mesh.vertices, mesh.faces).self_intersections(MOST_PAIRS)),
     }
+
+
+def folds_off_input(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], projector: BoxProjector) -> float:
+    """Share of the area in faces with an opposed neighbour that face against all of the input near them, too.
+
+    Both sides of a blade have an opposed neighbour. Vertices are in the box frame; near is within three times the
+    distance of the face's middle from the input, or the rms distance of those middles.
+    """
+    vectors = face_normals(vertices, faces)
+    area = np.linalg.norm(vectors, axis=1)
+    normals = vectors / np.maximum(area, np.finfo(float).tiny)[:, None]
+    beside = check_mesh(faces, len(vertices)).twins.reshape(-1, 3) // 3
+    opposed = np.flatnonzero(((normals[beside] * normals[:, None]).sum(2) < -0.5).any(1))
+    if not len(opposed):
+        return 0.0
+    middles = vertices[faces[opposed]].mean(axis=1)
+    found = projector.project(torch.from_numpy(middles))
+    assert found.normals is not None, "a mesh has normals"
+    against = (found.normals.numpy() * normals[opposed]).sum(1) < 0
+    distance = np.linalg.norm(found.points.numpy() - middles, axis=1)
+    reach = 3 * np.maximum(distance, np.sqrt((distance**2).mean()))[against]
+    folded = opposed[against][facing_away(middles[against], normals[opposed][against], reach, projector)]
+    return float(area[folded].sum() / area.sum())
 
 
 def input_folds(path: Path) -> float:
@@ -105,7 +135,11 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "median_angle_p1": float(np.median([row["angle_p1"] for row in rows])),
         "angle_p1_below_10": sorted(row["shape"] for row in rows if row["angle_p1"] < 10),
         "folded_above_1e-4": {
-            row["shape"]: {"extracted": row["folded_area"], "input": row["input_folded_area"]}
+            row["shape"]: {
+                "extracted": row["folded_area"],
+                "off_input": row["folded_off_input"],
+                "input": row["input_folded_area"],
+            }
             for row in rows
             if row["folded_area"] > 1e-4
         },
@@ -140,9 +174,10 @@ def main() -> None:
             except (NdfError, subprocess.CalledProcessError) as error:
                 print(f"{path.stem} at {faces} faces: {error}", file=sys.stderr)
                 continue
+            projector = BoxProjector(ndf_core.open(path, "mesh").projector, asset.content.center, asset.content.scale)
             about = {"shape": path.stem, "base_faces": faces, "input_folded_area": input_folds(path)}
             for edge_length in lengths:
-                rows.append({**about, **measure(asset, edge_length)})
+                rows.append({**about, **measure(asset, edge_length, projector)})
                 print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
             write(options.output, rows)
     print(json.dumps(write(options.output, rows), indent=1))

@@ -102,7 +102,7 @@ def measure(
             rows = rows[:: -(-len(rows) // _MOST_PROBED)]
             away = np.linalg.norm(mapped[rows] - projection.points.numpy()[rows], axis=1)
             reach = 3 * np.maximum(away, np.sqrt((distance**2).mean()))
-            folded *= float(_folded(mapped[rows], normals[rows], reach, projector).mean())
+            folded *= float(facing_away(mapped[rows], normals[rows], reach, projector).mean())
     cycle = None
     if inverse is not None:
         cycle = float(((inverse(mapped) - base_positions(faces, barycentric)) ** 2).sum(1).mean())
@@ -117,10 +117,10 @@ def measure(
     )
 
 
-def _folded(
+def facing_away(
     points: Float[Array, "n 3"], normals: Float[Array, "n 3"], reach: Float[Array, " n"], projector: BoxProjector
 ) -> Bool[Array, " n"]:
-    """Which of these points face against all of the surface within `reach`.
+    """Which of these points face against all of the surface within `reach`: on folds, not beside sharp edges.
 
     Beside an edge that bends by more than 90 degrees the closest point may lie across it, and its normal against the
     map's, without any fold: a surface moved along its own normals has such points, as far from the edge as it was
