@@ -14,7 +14,11 @@ WINDING_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e4, "projection": 1e4}
 CLOSEST_DEFAULTS: Mapping[str, Any] = {**WINDING_DEFAULTS, "loss": {"cycle": 1e2, "projection": 1e4}}
 """Soups that land on their closest triangle: a projection as smooth as a mesh's, and so the weights of one."""
 
-POINTS_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e5, "projection": 1e4}, "projection_visits": 4}
-"""Table 3, non-oriented point clouds."""
+POINTS_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e4, "projection": 1e4}, "projection_visits": 4}
+"""Points without normals. Table 3 has 1e5 for closest points of the cloud, which keeps the map at its base mesh;
+planes are smoother than points, and allow a tenth of it."""
+
+SHELL_DEFAULTS: Mapping[str, Any] = {**POINTS_DEFAULTS, "loss": {"cycle": 1e3, "projection": 1e4}}
+"""Shells around sheets: two sides share the faces, and 1e4 would leave their base mesh to be seen."""
 
 POINT_SUFFIXES = (".ply", ".xyz", ".pts", ".pcd", ".pwn")

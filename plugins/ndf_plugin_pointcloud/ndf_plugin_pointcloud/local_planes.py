@@ -1,72 +1,114 @@
-"""The surface between points without normals: planes fitted to the nearest ones."""
+"""The surface between points without normals: discs fitted to the nearest ones."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 from scipy.spatial import KDTree
 
+from ndf_plugin_pointcloud.ellipse import within_ellipse
 from ndf_plugin_pointcloud.shell import Closest
 
 _WIDTH = 0.7
 """Standard deviation of the Gaussian, in root mean square distances to the neighbours."""
-_PASSES = 2
-"""Planes fitted for a query: at itself, then where the first one puts it."""
+_REACH = 1.5
+"""Half axes of a disc, in standard deviations of its points. Even samples of a disc have 2; with this much the discs
+of a sampled sheet overlap, and that of a curve is hardly wider than the curve."""
+_AWAY = 1e-6
+"""Weight of neighbours that face away, so that there are always some."""
 _BLOCK = 65_536
 
 
-def plane_normals(
-    points: Float[Array, "n k 3"], weights: Float[Array, "n k"]
-) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
-    """Weighted middle and unit normal (of either sign) of the plane closest to each row of points."""
-    weights = weights / weights.sum(axis=1, keepdims=True)
-    middle = np.einsum("nk,nkc->nc", weights, points)
-    centred = points - middle[:, None]
-    scatter = np.einsum("nk,nkc,nkd->ncd", weights, centred, centred)
-    return middle, np.linalg.eigh(scatter)[1][:, :, 0]
+class Discs(NamedTuple):
+    """Planes through weighted points, one a row, and how far the points spread in them."""
+
+    middles: Float[Array, "n 3"]
+    axes: Float[Array, "n 3 3"]
+    """Unit columns: the normal (of either sign), then the directions of the smaller and the larger spread."""
+    spreads: Float[Array, "n 2"]
+    """Standard deviations along these two."""
+
+    @classmethod
+    def through(cls, points: Float[Array, "n k 3"], weights: Float[Array, "n k"]) -> Discs:
+        """Fit one to each row of points."""
+        weights = weights / weights.sum(axis=1, keepdims=True)
+        middles = np.einsum("nk,nkc->nc", weights, points)
+        centred = points - middles[:, None]
+        scatter = np.einsum("nk,nkc,nkd->ncd", weights, centred, centred)
+        squares, axes = np.linalg.eigh(scatter)
+        return cls(middles, axes, np.sqrt(np.maximum(squares[:, 1:], 0)))
+
+    def feet(self, queries: Float[Array, "n 3"], bounded: bool) -> Float[Array, "n 3"]:
+        """Closest points of the planes, or of the discs in them."""
+        places = np.einsum("nc,nca->na", queries - self.middles, self.axes[:, :, 1:])
+        if bounded:
+            places = within_ellipse(places, _REACH * self.spreads)
+        return self.middles + np.einsum("na,nca->nc", places, self.axes[:, :, 1:])
 
 
 class LocalPlanes:
     """Closest points on moving least squares planes: smoother than the nearest point itself, and between points.
 
+    The plane at the nearest point says where to look, the plane through the points around there is the answer.
+
     Reference: Alexa, Behr, Cohen-Or, Fleishman, Levin and Silva, Computing and rendering point set surfaces, 2003.
     """
 
     def __init__(
-        self, points: Float[Array, "n 3"], neighbours: int, outwards: Float[Array, "n 3"] | None = None
+        self,
+        points: Float[Array, "n 3"],
+        neighbours: int,
+        outwards: Float[Array, "n 3"] | None = None,
+        bounded: bool = False,
+        threads: int = 1,
     ) -> None:
         """Index the points.
 
         Args:
             points: distinct.
             neighbours: points that a plane is fitted to.
-            outwards: a vector at each point that is on the outer side; without it, signs of normals mean nothing.
+            outwards: a vector at each point that is on the outer side, where there is one: signs of normals then mean
+                something, and points that face away from the nearest one, beyond a thin part, count for nothing.
+            bounded: planes end where their points do. A sheet then has rims, and points along a curve are no ribbon.
+                Unbounded ones bridge gaps.
+            threads: for the search.
         """
         self._tree, self._points = KDTree(points), points
-        self._count = min(neighbours, len(points))
-        self._outwards = outwards
+        self._count, self._bounded = min(neighbours, len(points)), bounded
+        self._outwards = None
+        if outwards is not None:
+            self._outwards = outwards / np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-300)
+        blocks = [self._around(points[i : i + _BLOCK], threads)[0] for i in range(0, len(points), _BLOCK)]
+        self._at_points = Discs(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
 
     def __call__(self, queries: Float[Array, "n 3"], threads: int) -> Closest:
         blocks = [self._block(queries[i : i + _BLOCK], threads) for i in range(0, max(len(queries), 1), _BLOCK)]
         return Closest(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
 
     def _block(self, queries: Float[Array, "n 3"], threads: int) -> Closest:
-        at, index, nearest = queries, np.zeros((len(queries), self._count), np.int64), np.zeros(len(queries))
-        middle = normal = queries
-        for turn in range(_PASSES):
-            distance, index = self._tree.query(at, k=self._count, workers=threads)
-            distance, index = np.asarray(distance), np.asarray(index)
-            if not turn:
-                nearest = distance[:, 0]
-            squared = distance**2
-            scale = 2 * _WIDTH**2 * np.maximum(squared.mean(axis=1, keepdims=True), 1e-300)
-            middle, normal = plane_normals(self._points[index], np.exp(-squared / scale))
-            at = queries - np.einsum("nc,nc->n", queries - middle, normal)[:, None] * normal
+        distance, index = (np.asarray(rows) for rows in self._tree.query(queries, workers=threads))
+        near = Discs(*(rows[index] for rows in self._at_points)).feet(queries, self._bounded)
+        discs, nearest = self._around(near, threads)
+        normals = discs.axes[:, :, 0]
         if self._outwards is not None:
-            side = np.einsum("nc,nc->n", normal, self._outwards[index[:, 0]])
-            normal = np.where(side < 0, -1.0, 1.0)[:, None] * normal
-        return Closest(at, normal, nearest)
+            side = np.einsum("nc,nc->n", normals, self._outwards[nearest])
+            normals = np.where(side < 0, -1.0, 1.0)[:, None] * normals
+        return Closest(discs.feet(queries, self._bounded), normals, distance)
+
+    def _around(self, places: Float[Array, "n 3"], threads: int) -> tuple[Discs, Int[Array, " n"]]:
+        """Discs through the points nearest to places, and which one is the nearest."""
+        distance, index = self._tree.query(places, k=self._count, workers=threads)
+        squared = np.asarray(distance).reshape(len(places), self._count) ** 2
+        index = np.asarray(index).reshape(len(places), self._count)
+        scale = 2 * _WIDTH**2 * np.maximum(squared.mean(axis=1, keepdims=True), 1e-300)
+        weights = np.exp(-squared / scale)
+        if self._outwards is not None:
+            agreement = np.einsum("nkc,nc->nk", self._outwards[index], self._outwards[index[:, 0]])
+            weights *= np.maximum(agreement, _AWAY)
+        return Discs.through(self._points[index], weights), index[:, 0]
 
 
 def point_normals(
@@ -75,8 +117,6 @@ def point_normals(
     """Unit normals, of either sign, of planes through each point's neighbours; also these."""
     count = min(neighbours + 1, len(points))
     index = np.asarray(KDTree(points).query(points, k=count, workers=threads)[1])
-    normals = [
-        plane_normals(points[index[i : i + _BLOCK]], np.ones((len(index[i : i + _BLOCK]), count)))[1]
-        for i in range(0, len(points), _BLOCK)
-    ]
+    rows = [index[i : i + _BLOCK] for i in range(0, len(points), _BLOCK)]
+    normals = [Discs.through(points[block], np.ones(block.shape)).axes[:, :, 0] for block in rows]
     return np.concatenate(normals), index

@@ -10,7 +10,7 @@ import torch
 from ndf_core.interfaces import Surface
 from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, eroded, offset_surface, sampling_spacing
 from ndf_core.surfaces.fingerprint import fingerprint
-from ndf_plugin_pointcloud.defaults import POINTS_DEFAULTS
+from ndf_plugin_pointcloud.defaults import POINTS_DEFAULTS, SHELL_DEFAULTS
 from ndf_plugin_pointcloud.level_set_mesh import sample_by_landing
 from ndf_plugin_pointcloud.local_planes import LocalPlanes
 from ndf_plugin_pointcloud.orientation import oriented_normals, outward_vectors
@@ -72,14 +72,15 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
             f"the surface is a closed shell at the distance {radius:.4g} around the points"
             + ("" if closing else "; --open cap makes a capped solid of them instead")
         )
-    planes = LocalPlanes(points, config.neighbours, outward_vectors(points, offset, threads))
+    outwards = outward_vectors(points, offset, threads) if solid else None
+    planes = LocalPlanes(points, config.neighbours, outwards, bounded=not solid, threads=threads)
     projector = ShellProjector(planes, 0.0 if solid else radius, _LIMIT * radius)
     return Surface(
         representation="points",
         base_mesh=DilationExtractor(eroded(offset, _EROSION * radius, threads) if solid else offset),
         projector=projector,
         fingerprint=digest,
-        training_defaults=POINTS_DEFAULTS,
+        training_defaults=POINTS_DEFAULTS if solid else SHELL_DEFAULTS,
         sample=lambda count, rng: (
             (rng.choice(points, count), None)
             if solid

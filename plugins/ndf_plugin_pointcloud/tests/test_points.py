@@ -7,6 +7,7 @@ import pytest
 import torch
 import trimesh
 from clouds import closest, cloud, near, off_surface, ring
+from ndf_plugin_pointcloud.ellipse import within_ellipse
 from ndf_plugin_pointcloud.local_planes import LocalPlanes
 from ndf_plugin_pointcloud.orientation import oriented_normals
 from ndf_plugin_pointcloud.points import PointsConfig
@@ -15,6 +16,7 @@ from scipy.spatial import KDTree
 
 from ndf_core.base_mesh.checks import check_base_mesh
 from ndf_core.interfaces import Surface
+from ndf_core.mesh import face_normals
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +115,59 @@ def test_orient_hands_over(shape: trimesh.Trimesh) -> None:
     assert surface.representation == "points"
     found = surface.projector.project(torch.from_numpy(near(shape, 1000, 0.01)))
     assert off_surface(shape, found.points[found.converged].numpy()).mean() < 6e-4
+
+
+def cage() -> np.ndarray:
+    """Points along circles of latitude and longitude of the unit sphere: curves, nowhere a patch of surface."""
+    turn = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+    circle = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    tilts = [[circle[:, 0], circle[:, 1] * np.cos(a), circle[:, 1] * np.sin(a)] for a in np.pi * np.arange(3) / 3]
+    heights = [[0.8 * circle[:, 0], 0.8 * circle[:, 1], 0 * turn + z] for z in (-0.6, 0.6)]
+    return np.unique(np.round(np.concatenate([np.stack(c, axis=1) for c in tilts + heights]), 6), axis=0)
+
+
+@pytest.mark.parametrize("kind", ["curves", "a sheet"])
+def test_a_shell_is_where_the_dilation_is(kind: str, bowl: np.ndarray) -> None:
+    points = cage() if kind == "curves" else bowl
+    surface = open_points(points, PointsConfig(radius=0.15))
+    assert "shell" in surface.notes[-1]
+    mesh = surface.base_mesh.extract(4000)
+    found = surface.projector.project(torch.from_numpy(mesh.vertices))
+    assert bool(found.converged.all())
+    there = found.points.numpy()
+    # A plane that went on beyond its points would take rims and the sides of curves along.
+    assert np.quantile(np.linalg.norm(there - mesh.vertices, axis=1), 0.99) < 0.3 * 0.15
+    distance = KDTree(points).query(there)[0]
+    assert np.quantile(np.abs(distance - 0.15), 0.99) < 0.3 * 0.15
+    before, after = (face_normals(vertices, mesh.faces.astype(np.int64)) for vertices in (mesh.vertices, there))
+    folded = np.einsum("nc,nc->n", before, after) < 0
+    assert np.linalg.norm(before[folded], axis=1).sum() < 2e-3 * np.linalg.norm(before, axis=1).sum()
+
+
+def test_sides_of_a_thin_plate_stay_apart() -> None:
+    """Closer together than the points of one side are."""
+    across = np.stack(np.meshgrid(*[np.linspace(-1, 1, 30)] * 2), axis=-1).reshape(-1, 2)
+    points = np.concatenate([np.column_stack([across, np.full(len(across), z)]) for z in (-0.03, 0.03)])
+    outwards = np.sign(points) * [0, 0, 1]
+    above = np.random.default_rng(0).uniform(-0.8, 0.8, (500, 3)) * [1, 1, 0] + [0, 0, 0.05]
+    for queries, side in ((above, 1), (above * [1, 1, -1], -1)):
+        found = LocalPlanes(points, 12, outwards)(queries, 1)
+        np.testing.assert_allclose(found.points[:, 2], side * 0.03, atol=1e-5)
+        np.testing.assert_allclose(found.normals[:, 2], side, atol=1e-5)
+
+
+def test_closest_points_of_ellipses() -> None:
+    rng = np.random.default_rng(0)
+    places, half = rng.normal(size=(200, 2)) * 3, np.exp(rng.uniform(-4, 1, (200, 2)))
+    found = within_ellipse(places, half)
+    inside = (places**2 / half**2).sum(axis=1) <= 1
+    assert inside.any() and np.array_equal(found[inside], places[inside])
+    turn = np.linspace(0, 2 * np.pi, 20_001)
+    ring = half[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    closest = np.linalg.norm(ring - places[:, None], axis=2).min(axis=1)
+    np.testing.assert_allclose(np.linalg.norm(found - places, axis=1)[~inside], closest[~inside], rtol=1e-5)
+    flat = within_ellipse(np.array([[1.0, 2.0], [0.5, 0.5]]), np.array([[0.0, 0.0], [0.0, 1.0]]))
+    np.testing.assert_allclose(flat, [[0, 0], [0, 0.5]], atol=1e-6)
 
 
 def test_planes_through_a_plane_are_exact() -> None:
