@@ -1,12 +1,14 @@
 """Ten eigenfunctions in one network (paper App. B.5): what does the intrinsic encoding gain, and what can be had at
 its size?
 
-    python benchmarks/scalar_fields.py ASSET MESH --steps 40000 [--dims 2 4 8] [--best]
+    python benchmarks/scalar_fields.py ASSET MESH --steps 40000 [--dims 2 4 8] [--code number|learned] [--best JSON]
 
-`baseline` sees the point on the fine surface, `ours` the point of the base mesh and d features per vertex; both see a
-latent code for each function, and are trained alike: 2 x 32 network, 8 octaves, Adam at 1e-3, 3,276 points a step,
-each with all ten functions. Errors are rms over the rms of the functions, at 100,000 points of their own.
-`best` is this project's own recipe. Bytes are what the field adds to an asset, rounded and coded alike for all.
+`baseline` sees the point on the fine surface, `ours` the point of the base mesh and d features per vertex; both see
+which function is asked for, and are trained alike: 2 x 32 network, 8 octaves, Adam at 1e-3, 3,276 points a step, each
+with all ten functions. The function is told by its number k, encoded like a coordinate ("four dimensions, xyz and the
+latent code"), or by a code of eight numbers that is learned with the network. Errors are rms over the rms of the
+functions, at 100,000 points of their own. `best` is this project's own recipe. Bytes are what the field adds to an
+asset, rounded and coded alike for all.
 """
 
 from __future__ import annotations
@@ -27,10 +29,11 @@ from numpy import ndarray as Array
 from ndf_core.asset.asset import Asset
 from ndf_core.asset.content import FieldBlock
 from ndf_core.config.field import FieldConfig
-from ndf_core.fitting.field_fit import evaluate, learn, rounded_block
+from ndf_core.fitting.field_fit import Learned, evaluate, learn, rounded_block
 from ndf_core.fitting.field_samples import FieldSamples, sample_values
 from ndf_core.fitting.field_values import FieldValues, check_values
 from ndf_core.fitting.geometry import BaseGeometry
+from ndf_core.fitting.network import Parameters
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.processing.mesh_input import read_input
 from ndf_core.processing.operators import Operators
@@ -63,7 +66,8 @@ class OnSurface(BaseGeometry):
 class Experiment:
     """One shape: its eigenfunctions, and samples of them for training and for the error."""
 
-    def __init__(self, asset: Path, mesh: Path) -> None:
+    def __init__(self, asset: Path, mesh: Path, device: str) -> None:
+        self.device = device
         self.asset = Asset.load(asset)
         fine = read_input(mesh)
         spectrum = laplace_spectrum(Operators.of(fine), FUNCTIONS + 1)
@@ -75,12 +79,15 @@ class Experiment:
         content = self.asset.content
         self.geometry = BaseGeometry(content.vertices, content.faces)
 
-    def run(self, config: FieldConfig, baseline: bool = False) -> dict[str, Any]:
+    def run(
+        self, config: FieldConfig, baseline: bool = False, codes: Float[torch.Tensor, "k l"] | None = None
+    ) -> dict[str, Any]:
         """Learn, round, and measure what was learned and what is stored."""
         train, geometry = self._on_surface(self.train) if baseline else (self.train, self.geometry)
         test, seen = self._on_surface(self.test) if baseline else (self.test, self.geometry)
+        vertices, faces = geometry.vertices.numpy(), geometry.faces.numpy()
         start = time.process_time()
-        learned = learn(geometry, train, config)
+        learned = _on_cpu(learn(BaseGeometry(vertices, faces, self.device), train, config, codes))
         seconds = time.process_time() - start
         error = self._error(
             lambda base: learned.shift + learned.scale * evaluate(learned.parameters, base), test, seen
@@ -94,6 +101,7 @@ class Experiment:
             "bytes": self._bytes(replace(block, domain="space", features=self._none()) if baseline else block),
             "steps": config.steps,
             "seconds": seconds,
+            "device": self.device,
         }
 
     def _on_surface(self, samples: FieldSamples) -> tuple[FieldSamples, BaseGeometry]:
@@ -121,6 +129,18 @@ class Experiment:
         return Asset(replace(content, fields={**content.fields, "modes": block})).size - self.asset.size
 
 
+def _on_cpu(learned: Learned) -> Learned:
+    parameters = Parameters(learned.parameters.shape, learned.parameters.flat.cpu())
+    return Learned(parameters, learned.shift.cpu(), learned.scale.cpu())
+
+
+def numbered_codes(config: FieldConfig) -> Float[torch.Tensor, "k l"]:
+    """The numbers 0 to 9 spread over the side of the box, encoded as the coordinates are."""
+    numbers = torch.linspace(-1.5, 1.5, FUNCTIONS)[:, None]
+    angles = numbers * config.base_frequency * 2.0 ** torch.arange(config.encoding_levels)
+    return torch.cat([numbers, angles.sin(), angles.cos()], 1)
+
+
 def _numbers(block: FieldBlock, name: str) -> Array:
     """The numbers of a stored block by the name of the parameter."""
     from ndf_core.asset.content import values_of
@@ -141,18 +161,24 @@ def main() -> None:
     parser.add_argument("--dims", type=int, nargs="*", default=[2, 4, 8], help="feature dimensions of ours; none: 0")
     parser.add_argument("--no-baseline", action="store_true")
     parser.add_argument("--best", type=json.loads, metavar="JSON", help="also a run of our recipe with these options")
+    parser.add_argument("--code", choices=("number", "learned"), default="number", help="how a function is told")
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="to train on")
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    experiment = Experiment(options.asset, options.mesh)
+    experiment = Experiment(options.asset, options.mesh, options.device)
+    paper, told = dict(PAPER), ""
+    if options.code == "number":
+        paper["latent"], told = numbered_codes(FieldConfig()).shape[1], " of k"
     runs: dict[str, FieldConfig] = {}
     if not options.no_baseline:
-        runs["baseline"] = FieldConfig(**PAPER, steps=options.steps, feature_dim=0)
-    runs |= {f"ours d={d}": FieldConfig(**PAPER, steps=options.steps, feature_dim=d) for d in options.dims}
+        runs[f"baseline{told}"] = FieldConfig(**paper, steps=options.steps, feature_dim=0)
+    runs |= {f"ours{told} d={d}": FieldConfig(**paper, steps=options.steps, feature_dim=d) for d in options.dims}
     if options.best is not None:
         runs["best"] = FieldConfig(**options.best)
     for name, config in runs.items():
-        found = experiment.run(config, baseline=name == "baseline")
+        codes = numbered_codes(config) if told and name != "best" else None
+        found = experiment.run(config, name.startswith("baseline"), codes)
         print(options.mesh.stem, name, json.dumps(found), file=sys.stderr, flush=True)
         results = json.loads(options.results.read_text()) if options.results.exists() else {}
         results.setdefault(options.mesh.stem, {})[f"{name}, {config.steps} steps"] = found

@@ -145,16 +145,25 @@ class Learned:
     """value = shift + scale * output; 0 and 1 but for continuous fields."""
 
 
-def learn(geometry: BaseGeometry, samples: FieldSamples, config: FieldConfig) -> Learned:
+def learn(
+    geometry: BaseGeometry, samples: FieldSamples, config: FieldConfig, codes: Float[Tensor, "k l"] | None = None
+) -> Learned:
     """Train a network on the samples; continuous values are brought to mean 0 and variance 1 first.
+
+    Args:
+        geometry: on the device to train on, where `Learned` then is.
+        samples: on any device.
+        config: kind, sizes and training options.
+        codes: latent codes that stay as they are; None learns them.
 
     Raises:
         FitError: the loss is not finite.
     """
+    device = geometry.device
     if not config.latent:
         samples = replace(samples, targets=samples.targets.flatten(1)[:, None])
     shift, scale = _standard(samples.targets, config.kind)
-    samples = replace(samples, targets=(samples.targets - shift) / scale)
+    samples = replace(samples, targets=(samples.targets - shift) / scale).to(device)
     fields, outputs = samples.targets.shape[1:]
     shape = NetworkShape(
         encoding=Encoding(config.base_frequency, config.encoding_levels, include_position=True),
@@ -166,13 +175,18 @@ def learn(geometry: BaseGeometry, samples: FieldSamples, config: FieldConfig) ->
         networks=("forward",),
         latent=(fields, config.latent) if config.latent else (0, 0),
     )
-    parameters = Parameters.initial(shape, config.seed, zero_last=False, feature_scale=config.feature_scale)
+    parameters = Parameters.initial(
+        shape, config.seed, zero_last=False, feature_scale=config.feature_scale, device=device
+    )
     parameters.damp_octaves(config.frequency_damping)
+    if codes is not None:
+        parameters.views["latent"].copy_(codes)
     optimizer, loss_function = Optimizer(parameters, config), loss_of(config)
     count = min(config.batch, len(samples))
-    (tiles,) = row_slices(count, 1, max(1, _TILE // fields))
-    gradient = Parameters.zeros(shape)
-    steps = {n: FieldStep(shape, n, gradient=gradient) for n in {part.stop - part.start for part in tiles}}
+    tile = _TILE // fields if torch.device(device).type == "cpu" else count
+    (tiles,) = row_slices(count, 1, max(1, tile))
+    gradient = Parameters.zeros(shape, device)
+    steps = {n: FieldStep(shape, n, device, gradient) for n in {part.stop - part.start for part in tiles}}
     for number in range(config.steps):
         base, targets = samples.batch(geometry, count, generator_at(config.seed, number))
         gradient.flat.zero_()
@@ -187,8 +201,10 @@ def learn(geometry: BaseGeometry, samples: FieldSamples, config: FieldConfig) ->
             step.backward(parameters, rows.batch, into_outputs.mul_(share))
         if not total < float("inf"):
             raise FitError(f"the loss of the field is not finite at step {number}; lower the learning rate")
+        if codes is not None:
+            gradient.views["latent"].zero_()
         optimizer.step(gradient, rate_factor(config, number))
-    return Learned(parameters, shift, scale)
+    return Learned(parameters, shift.to(device), scale.to(device))
 
 
 def _standard(targets: Float[Tensor, "n k o"], kind: str) -> tuple[Float[Tensor, " o"], Float[Tensor, " o"]]:

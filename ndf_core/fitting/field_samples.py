@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -46,6 +46,15 @@ class FieldSamples:
     def __len__(self) -> int:
         return len(self.faces)
 
+    def to(self, device: torch.device | str) -> FieldSamples:
+        """The same on a device."""
+        return replace(
+            self,
+            faces=self.faces.to(device),
+            barycentric=self.barycentric.to(device),
+            targets=self.targets.to(device),
+        )
+
     def batch(
         self, geometry: BaseGeometry, count: int, generator: torch.Generator
     ) -> tuple[BasePoints, Float[Tensor, "k b o"]]:
@@ -55,7 +64,7 @@ class FieldSamples:
         if count < len(self):
             rows = (rows + torch.randint(len(self), (1,), generator=generator)) % len(self)
             rows = rows.sort().values
-        return self.rows(geometry, rows)
+        return self.rows(geometry, rows.to(self.faces.device))
 
     def rows(self, geometry: BaseGeometry, rows: Int[Tensor, " b"]) -> tuple[BasePoints, Float[Tensor, "k b o"]]:
         """Some of the rows: base points, and targets by field."""
