@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import resource
+import struct
 import sys
 import zipfile
 from pathlib import Path
@@ -49,6 +50,31 @@ def test_files_cut_off_anywhere(tmp_path: Path, kind: str, bounded: None) -> Non
         nerf.sniff(whole)
         with pytest.raises(InputError, match=whole.name):
             source.read_density(whole, nerf.NerfConfig())
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz"])
+def test_grids_cut_off_or_with_headers_that_lie(tmp_path: Path, suffix: str, bounded: None) -> None:
+    path = tmp_path / f"grid{suffix}"
+    options = nerf.NerfConfig.model_validate({"bounds": [[-1, -1, -1], [1, 1, 1]]})
+    values = np.random.default_rng(0).uniform(0, 50, (20, 20, 20)).astype(np.float32)
+    np.save(path, values) if suffix == ".npy" else np.savez(path, density=values)
+    content = path.read_bytes()
+    source.read_density(path, options)
+    for tenth in range(10):
+        path.write_bytes(content[: len(content) * tenth // 10])
+        nerf.sniff(path)
+        with pytest.raises(InputError, match=path.name):
+            source.read_density(path, options)
+    for shape in ((-20, 20, 20), (2**31, 20, 20), (2**62, 2**62, 20), (21, 20, 20)):
+        header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}".encode()
+        array = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + values.tobytes()
+        path.write_bytes(array)
+        if suffix == ".npz":
+            with zipfile.ZipFile(path, "w") as archive:
+                archive.writestr("density.npy", array)
+        nerf.sniff(path)
+        with pytest.raises(InputError, match=path.name):
+            source.read_density(path, options)
 
 
 @pytest.mark.parametrize("kind", ["npz", "zip", "legacy"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import struct
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -210,10 +211,21 @@ def test_headers_that_lie(tmp_path: Path) -> None:
         (tmp_path / "lie.mrc").write_bytes(lie)
         with pytest.raises(InputError, match=words):
             open_grid(tmp_path / "lie.mrc", GridConfig())
-    header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (100000, 100000, 4), }"
-    (tmp_path / "lie.npy").write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(64))
-    with pytest.raises(InputError, match="more than the"):
-        open_grid(tmp_path / "lie.npy", GridConfig())
+
+
+@pytest.mark.parametrize("name", ["lie.npy", "lie.npz"])
+@pytest.mark.parametrize("shape", [(-6, 5, 5), (2**31, 5, 5), (100_000, 100_000, 4), (2**62, 2**62, 4), (12, 12, 12)])
+def test_arrays_that_claim_more_than_they_hold(tmp_path: Path, name: str, shape: tuple[int, ...]) -> None:
+    header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    array = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(4 * 12 * 12 * 11)
+    path = tmp_path / name
+    path.write_bytes(array)
+    if path.suffix == ".npz":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("values.npy", array)
+    sniff(path)
+    with pytest.raises(InputError, match=name):
+        open_grid(path, GridConfig())
 
 
 def test_sniffing_tells_volumes_from_other_arrays(tmp_path: Path) -> None:
