@@ -6,8 +6,13 @@ extracts, and measures
 - `distance`: median distance from the opaque centres (opacity > 0.5) that the filter keeps to the mesh;
 - `residual`: median distance of the same centres from the plane through their 25 nearest; `ratio` is distance over
   residual, lengths are shares of the longest side;
+- `ratio_seen`: the same for the centres that are seen: from some of 26 directions at least half of the light gets
+  past the splats in front of them. Splats inside of an object belong to no outer surface;
 - `solid`: share of 2,000 rays from outside that find solid (winding number of the mesh above 1/2) 2% of the longest
-  side behind their first hit.
+  side behind their first hit; and what the others met: `thin` (the mesh itself is thinner than that below the hit),
+  `pit` (the ray enters again within 2%), `ridge` (the rest: edges and grazing rays);
+- `color_error`: mean over channels and opaque centres of the colour learned (`ndf fit --colors`) at the closest point
+  less the splat's own, and the bytes it adds.
 
     python benchmarks/splats.py [FILE ...] [--steps N] [--option base_mesh=dilation ...] [--assets FOLDER]
         [--pictures FOLDER]
@@ -24,17 +29,21 @@ from pathlib import Path
 import igl
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from ndf_plugin_gaussians.filtering import filter_splats
 from ndf_plugin_gaussians.gaussians import GaussiansConfig
 from ndf_plugin_gaussians.readers.splat_file import read_splat_file
 from ndf_plugin_gaussians.splats import Splats
+from ndf_plugin_gaussians.surfels import cut
 from numpy import ndarray as Array
 from scipy.spatial import cKDTree
 
 import ndf_core
 from ndf_core.asset.asset import Asset
+from ndf_core.fitting.colors import learn_colors
+from ndf_core.interfaces import ColoredPoints
 from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.mesh import face_normals
 from ndf_core.render.camera import Camera
 from ndf_core.render.panels import panels
 from ndf_core.render.png import write_png
@@ -45,6 +54,7 @@ OPAQUE = 0.5
 NEIGHBOURS = 25
 RAYS = 2000
 BEHIND = 0.02
+RASTER = 150
 WIDTH, HEIGHT = 420, 600
 
 
@@ -59,7 +69,16 @@ class Row:
     distance: float
     residual: float
     ratio: float
+    seen: float
+    """Share of the opaque centres."""
+    ratio_seen: float
     solid: float
+    thin: float
+    pit: float
+    ridge: float
+    """Shares of all rays."""
+    color_error: float
+    color_bytes: int
     closed: bool
     manifold: bool
     components: int
@@ -122,10 +141,14 @@ def measure_file(
     splats = read_splat_file(path)[0]
     kept = filter_splats(splats, GaussiansConfig.model_validate(options), str(path))[0]
     size = float(np.ptp(mesh.vertices, axis=0).max())
-    centres = kept.centres[kept.opacities > OPAQUE]
-    distance = float(np.median(distances(mesh.vertices, mesh.faces, centres))) / size
-    residual = float(np.median(plane_residuals(centres))) / size
+    opaque = kept.take(kept.opacities > OPAQUE)
+    centres = opaque.centres
+    far, residuals = distances(mesh.vertices, mesh.faces, centres) / size, plane_residuals(centres) / size
+    distance, residual = float(np.median(far)), float(np.median(residuals))
+    outer = seen(kept, centres)
     counts = mesh_counts(mesh.faces, len(mesh.vertices))
+    rays = ray_shares(mesh.vertices, mesh.faces)
+    colored = learn_colors(asset, ColoredPoints(centres, np.clip(opaque.colours, 0.0, 1.0)))
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)
         write_png(pictures / f"{path.name}.png", picture(kept, mesh.vertices, mesh.faces, path.name))
@@ -137,7 +160,14 @@ def measure_file(
         distance=distance,
         residual=residual,
         ratio=distance / residual,
-        solid=solid_share(mesh.vertices, mesh.faces),
+        seen=float(outer.mean()),
+        ratio_seen=float(np.median(far[outer]) / np.median(residuals[outer])),
+        solid=rays[0],
+        thin=rays[1],
+        pit=rays[2],
+        ridge=rays[3],
+        color_error=color_error(colored.asset, opaque),
+        color_bytes=int(colored.report["field_bytes"]),
         closed=bool(mesh.statistics["closed"]),
         manifold=bool(mesh.statistics["manifold"]),
         components=counts[0],
@@ -167,26 +197,82 @@ def plane_residuals(points: Float[Array, "n 3"]) -> Float[Array, " n"]:
     return np.abs(((points - middle) * normals).sum(axis=1))
 
 
-def solid_share(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], seed: int = 0) -> float:
-    """Share of random rays from outside that are inside the mesh just behind their first hit."""
+def seen(splats: Splats, centres: Float[Array, "n 3"]) -> Bool[Array, " n"]:
+    """Whether half of the light of some direction reaches each centre past the splats in front of it.
+
+    Parallel rays on a raster of 1/150 of the size; splats within a cell's width in front are of the same layer.
+    """
+    size = float(np.ptp(centres, axis=0).max())
+    cell = size / RASTER
+    pieces = cut(splats, cell, GaussiansConfig.model_validate({}).min_opacity)
+    reached = np.zeros(len(centres), dtype=bool)
+    for direction in view_directions():
+        frame = np.linalg.svd(direction[None])[2]  # rows: the direction up to its sign, and two across
+        depths, spots = pieces.points @ direction, pieces.points @ frame[1:].T
+        low = spots.min(axis=0)
+        across = np.floor((spots - low) / cell).astype(np.int64)
+        width = int(across[:, 1].max()) + 1
+        pixel = across[:, 0] * width + across[:, 1]
+        near, far = float(depths.min()), float(depths.max()) + cell
+        # One number sorts by pixel, then by depth.
+        key = pixel + (depths - near) / (far - near)
+        covered = np.minimum(pieces.areas * np.abs(pieces.normals @ direction) / cell**2, 1.0)
+        order = np.argsort(key)
+        absorbed = np.concatenate([[0.0], np.cumsum(-np.log1p(-np.minimum(pieces.weights * covered, 0.999))[order])])
+        key = key[order]
+        at = np.clip(np.floor((centres @ frame[1:].T - low) / cell).astype(np.int64), 0, None)
+        own = at[:, 0] * width + np.minimum(at[:, 1], width - 1)
+        before = np.clip((centres @ direction - cell - near) / (far - near), 0.0, 1.0 - 1e-9)
+        depth = absorbed[np.searchsorted(key, own + before)] - absorbed[np.searchsorted(key, own)]
+        reached |= depth <= np.log(2.0)
+    return reached
+
+
+def view_directions() -> Float[Array, "26 3"]:
+    """Unit vectors to the points of a 3 x 3 raster on each side of a cube, those on its edges once."""
+    raster = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 3), axis=-1).reshape(-1, 3)
+    surface = raster[np.abs(raster).max(axis=1) == 1.0]
+    return surface / np.linalg.norm(surface, axis=1, keepdims=True)
+
+
+def ray_shares(
+    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], seed: int = 0
+) -> tuple[float, float, float, float]:
+    """Shares of random rays from outside: inside the mesh just behind their first hit; else by what they met."""
     rng = np.random.default_rng(seed)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    radius = float(np.linalg.norm(high - low))
+    radius, size = float(np.linalg.norm(high - low)), float((high - low).max())
     tree = TriangleBVH(vertices, faces)
-    origins, directions, found = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+    origins, directions, found, face = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64)
     while len(origins) < RAYS:
         away = rng.standard_normal((4 * RAYS, 3))
         start = (low + high) / 2 + radius * away / np.linalg.norm(away, axis=1, keepdims=True)
         toward = low + (high - low) * rng.random((4 * RAYS, 3)) - start
         toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-        hit = tree.first_hit(start, toward)[0]
+        hit, number = tree.first_hit(start, toward)[:2]
         met = np.isfinite(hit)
         origins = np.concatenate([origins, start[met]])[:RAYS]
         directions = np.concatenate([directions, toward[met]])[:RAYS]
-        found = np.concatenate([found, hit[met]])[:RAYS]
-    behind = origins + (found + BEHIND * float((high - low).max()))[:, None] * directions
+        found, face = np.concatenate([found, hit[met]])[:RAYS], np.concatenate([face, number[met]])[:RAYS]
+    behind = origins + (found + BEHIND * size)[:, None] * directions
     winding = igl.fast_winding_number(vertices, faces.astype(np.int64), behind)
-    return float((np.asarray(winding).reshape(-1) > 0.5).mean())
+    missed = np.asarray(winding).reshape(-1) <= 0.5
+    normals = face_normals(vertices, faces)[face]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    hits, step = origins + found[:, None] * directions, 1e-6 * size
+    thin = missed & (tree.first_hit(hits - step * normals, -normals)[0] < BEHIND * size)
+    leaves = tree.first_hit(hits + step * directions, directions)[0]
+    beyond = hits + np.where(np.isfinite(leaves), leaves + 2 * step, 0.0)[:, None] * directions
+    pit = missed & ~thin & (tree.first_hit(beyond, directions)[0] < BEHIND * size)
+    ridge = missed & ~thin & ~pit
+    return float(1 - missed.mean()), float(thin.mean()), float(pit.mean()), float(ridge.mean())
+
+
+def color_error(asset: Asset, splats: Splats) -> float:
+    """Mean difference between the colours learned where the surface is closest to the centres and the splats' own."""
+    faces, barycentric, _ = asset.locate(splats.centres)
+    learned = asset.values("color", faces, barycentric)
+    return float(np.abs(np.clip(learned, 0.0, 1.0) - np.clip(splats.colours, 0.0, 1.0)).mean())
 
 
 def mesh_counts(faces: Int[Array, "f 3"], vertex_count: int) -> tuple[int, int]:

@@ -30,7 +30,7 @@ class GaussiansConfig(BaseModel):
         None, description="box x0,y0,z0,x1,y1,z1: splats with their centre outside are left out"
     )
     min_opacity: float = Field(
-        0.3, gt=0, lt=1, description="splats fainter than this are left out; others reach to where they become so"
+        0.1, gt=0, lt=1, description="splats fainter than this are left out; others reach to where they become so"
     )
     max_size: float = Field(
         0.15,
@@ -58,7 +58,8 @@ class GaussiansConfig(BaseModel):
         default=None,
         ge=32,
         le=512,
-        description="cells of the grid along the longest side; none: as wide as the centres are apart, 48 to 192",
+        description="cells along the longest side of the grid that finds the inside (those of the surface are "
+        "narrower by a quarter); none: as wide as the centres are apart, 48 to 192",
     )
     base_mesh: Literal["density", "dilation"] = Field(
         "density", description="what is solid: where the splats are opaque, or what is near to a centre"

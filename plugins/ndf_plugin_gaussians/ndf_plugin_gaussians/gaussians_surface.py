@@ -15,14 +15,14 @@ from ndf_core.surfaces.level_set_projector import LevelSetProjector
 from ndf_core.surfaces.random_lines import sample_level_set
 from ndf_plugin_gaussians.centre_projector import CentreProjector
 from ndf_plugin_gaussians.dilated import dilated_solid
+from ndf_plugin_gaussians.distances import signed_distances
 from ndf_plugin_gaussians.filtering import FEWEST, filter_splats
 from ndf_plugin_gaussians.gaussians import SMOOTH_TRAINING_DEFAULTS, TRAINING_DEFAULTS, GaussiansConfig
 from ndf_plugin_gaussians.grid import Grid
-from ndf_plugin_gaussians.height_field import HeightField
-from ndf_plugin_gaussians.heights import heights, middle_level
+from ndf_plugin_gaussians.grid_field import GridField
 from ndf_plugin_gaussians.layer import Boundary, visible_layer
-from ndf_plugin_gaussians.moving_planes import MovingPlanes
 from ndf_plugin_gaussians.readers.splat_file import read_splat_file
+from ndf_plugin_gaussians.smooth_surface import smooth_surface
 from ndf_plugin_gaussians.solid import Mesh, density_solid, meshed, without_crumbs
 from ndf_plugin_gaussians.splats import Splats
 from ndf_plugin_gaussians.surfels import Surfels, cut
@@ -30,13 +30,15 @@ from ndf_plugin_gaussians.surfels import Surfels, cut
 _OPAQUE = 0.5
 """Centres of splats at least this opaque decide where in their skin the surface lies."""
 _CORRECTIONS = 1
-"""Steps of a projection towards the closest point: heights are nearly distances."""
+"""Steps of a projection towards the closest point: the field holds distances."""
 _LAYER = 0.75
-"""Width of the cells that visible pieces are merged in, in cells of the grid."""
+"""Width of the cells that visible pieces are merged in, in cells of the surface's grid."""
 _COARSEST, _FINEST = 48, 192
 """Cells along the longest side, where no number is given."""
 _CELL = 1.25
 """Width of a cell then, in distances of opaque centres from their sixth neighbour."""
+_FINER = 1.3
+"""So many cells of the surface's grid are as wide as one of the grid that finds the inside."""
 _TAIL = 5e-4
 """Share of the pieces at either end of an axis that may lie beyond the grid."""
 
@@ -57,22 +59,19 @@ def open_gaussians(source: str | Path | object, config: GaussiansConfig) -> Surf
         raise InputError("gaussians: need a file of splats, or ndf_plugin_gaussians.splats.Splats")
     content = [splats.centres, splats.scales, splats.rotations, splats.opacities]
     kept, filtered = filter_splats(splats, config, origin)
-    surfels, grid = _pieces(kept, config)
+    surfels, coarse, fine = _pieces(kept, config)
     if config.base_mesh == "density":
-        solid = density_solid(surfels, grid, config.stands_on, config.min_component)
+        solid = density_solid(surfels, coarse, config.stands_on, config.min_component)
     else:
-        solid = dilated_solid(kept, grid, config.min_component)
-    outer = meshed(solid.field, grid)
-    boundary = Boundary(outer)
-    layer = visible_layer(surfels, boundary, solid.depth, _LAYER * grid.step)
-    field = heights(solid.field, grid, boundary, MovingPlanes(layer), solid.depth)
-    level = middle_level(field, grid, kept.centres[kept.opacities >= _OPAQUE])
-    surface = HeightField(field, grid, level)
+        solid = dilated_solid(kept, coarse, config.min_component)
+    outer = meshed(solid.field, coarse)
+    opaque = _opaque(kept).centres
+    layer = visible_layer(surfels, Boundary(outer), solid, _LAYER * fine.step, opaque)
+    inside = without_crumbs(smooth_surface(fine, layer, opaque, solid.ground), config.min_component)[0]
+    mesh = meshed(inside, fine)
+    surface = GridField(signed_distances(inside, fine, Boundary(mesh)), fine)
     smooth = config.projection == "smooth"
-    base = outer
-    if config.base_mesh == "density":
-        inner = np.clip((level - field) / grid.step, -1.0, 1.0)
-        base = meshed(without_crumbs(inner, config.min_component)[0], grid)
+    base = mesh if config.base_mesh == "density" else outer
     invented = f"{layer.invented:.1%} of the surface has no splats near it and follows the solid that they enclose"
     return Surface(
         representation="gaussians",
@@ -99,25 +98,30 @@ class MeshedSolidExtractor(BaseMeshExtractor):
         return coarsen(boundary.vertices, boundary.faces, max_faces, remarks=boundary.remarks)
 
 
+def _opaque(splats: Splats) -> Splats:
+    """The opaque splats, or all where hardly any are."""
+    rows = splats.opacities >= _OPAQUE
+    return splats.take(rows) if rows.sum() > FEWEST else splats
+
+
 def _colors(splats: Splats) -> ColoredPoints | None:
     """Colours of degree 0 at the centres of the opaque splats."""
     opaque = splats.take(splats.opacities >= _OPAQUE)
     return ColoredPoints(opaque.centres, np.clip(opaque.colours, 0.0, 1.0)) if len(opaque) else None
 
 
-def _pieces(splats: Splats, config: GaussiansConfig) -> tuple[Surfels, Grid]:
-    """Pieces no wider than a cell of the grid, and the grid around nearly all of them."""
+def _pieces(splats: Splats, config: GaussiansConfig) -> tuple[Surfels, Grid, Grid]:
+    """Pieces no wider than a cell, and the grids of the inside and of the surface, around nearly all of them."""
     size = float(np.ptp(splats.centres, axis=0).max())
     resolution = config.resolution or _resolution(splats, size)
-    surfels = cut(splats, size / resolution, config.min_opacity)
+    surfels = cut(splats, size / resolution / _FINER, config.min_opacity)
     low, high = np.quantile(surfels.points, [_TAIL, 1 - _TAIL], axis=0)
     grid = Grid.around(np.stack([low, high]), resolution)
     within = ((surfels.points > grid.bounds[0]) & (surfels.points < grid.bounds[1])).all(axis=1)
-    return surfels.take(within), grid
+    return surfels.take(within), grid, grid.refined(_FINER)
 
 
 def _resolution(splats: Splats, size: float) -> int:
     """Cells as wide as what the splats show: finer ones would show the splats themselves."""
-    opaque = splats.opacities >= _OPAQUE
-    spacing = float(np.median(sampling_spacing(splats.centres[opaque] if opaque.sum() > FEWEST else splats.centres)))
+    spacing = float(np.median(sampling_spacing(_opaque(splats).centres)))
     return int(np.clip(size / max(_CELL * spacing, size / _FINEST), _COARSEST, _FINEST))

@@ -14,15 +14,17 @@ from scipy.spatial import KDTree
 from ndf_core.errors import InputError
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.mesh import face_normals
-from ndf_plugin_gaussians.solid import Mesh
+from ndf_plugin_gaussians.solid import Mesh, Solid
 from ndf_plugin_gaussians.surfels import Surfels
 
-_SLACK = 1.15
+_SLACK = 1.25
 """Pieces deeper below the solid's boundary than so many of its depths are hidden."""
 _HOLE = 2.5
 """Where the boundary has no piece within so many depths, a point of its own takes part."""
-_CAP_WEIGHT = 0.5
-"""Of such a point, against 1 of an opaque piece."""
+_GAP_WEIGHT = 0.1
+"""Of such a point, against 1 of an opaque piece: behind a gap in the skin the boundary is a dent, which is bridged if
+little speaks for it. On the ground they count in full, since nothing else is there."""
+_NEIGHBOUR = 6
 _LEAST_AGREEMENT = 0.2
 """Cosine between a piece's normal and the solid's below which the piece does not know the surface: needles, blobs."""
 
@@ -55,24 +57,28 @@ class Layer:
     normals: Float[Array, "n 3"]
     """Outward unit vectors."""
     weights: Float[Array, " n"]
-    spacing: float
-    """Width of the cells."""
+    detail: Float[Array, " n"]
+    """How far apart opaque centres are there."""
     invented: float
     """Share of the solid's boundary that has no splats near it."""
 
 
-def visible_layer(surfels: Surfels, boundary: Boundary, depth: float, spacing: float) -> Layer:
+def visible_layer(
+    surfels: Surfels, boundary: Boundary, solid: Solid, spacing: float, opaque: Float[Array, "k 3"]
+) -> Layer:
     """Merge the pieces just below the boundary, cell by cell, apart where the boundary faces different ways.
 
     Args:
         surfels: all pieces.
         boundary: of the solid.
-        depth: how far below it the visible ones lie, about.
+        solid: what the pieces are the skin of.
         spacing: width of a cell.
+        opaque: centres of opaque splats.
 
     Raises:
         InputError: no piece lies near the boundary.
     """
+    depth = solid.depth
     distance, outwards = boundary.closest(surfels.points)
     agreement = (surfels.normals * outwards).sum(axis=1)
     near = (distance <= _SLACK * depth) & (np.abs(agreement) >= _LEAST_AGREEMENT)
@@ -85,15 +91,29 @@ def visible_layer(surfels: Surfels, boundary: Boundary, depth: float, spacing: f
     total = np.bincount(cell, mass)
     points = _means(cell, mass, seen.points, total)
     layer_normals = unit(_means(cell, mass, normals, total))
-    weights = np.minimum(total / spacing**2, 1.0)
     empty = KDTree(points).query(boundary.vertices)[0] > _HOLE * depth
+    gap, gap_normals = boundary.vertices[empty], boundary.normals[empty]
+    gap_weights = np.full(len(gap), _GAP_WEIGHT)
+    if solid.ground is not None:
+        gap_weights[solid.ground.height(gap) < depth] = 1.0
+    points = np.concatenate([points, gap])
     return Layer(
-        points=np.concatenate([points, boundary.vertices[empty]]),
-        normals=np.concatenate([layer_normals, boundary.normals[empty]]),
-        weights=np.concatenate([weights, np.full(int(empty.sum()), _CAP_WEIGHT)]),
-        spacing=spacing,
+        points=points,
+        normals=np.concatenate([layer_normals, gap_normals]),
+        weights=np.concatenate([np.minimum(total / spacing**2, 1.0), gap_weights]),
+        detail=_spacing_at(points, opaque),
         invented=float(empty.mean()),
     )
+
+
+def _spacing_at(points: Float[Array, "n 3"], centres: Float[Array, "k 3"]) -> Float[Array, " n"]:
+    """Distance of each point from the sixth nearest centre, or the last where there are fewer."""
+    found = KDTree(centres).query(
+        points,
+        k=[min(_NEIGHBOUR, len(centres))],  # pyright: ignore[reportArgumentType]  # takes ranks too
+        workers=torch.get_num_threads(),
+    )
+    return np.asarray(found[0])[:, 0]
 
 
 def _cells(points: Float[Array, "n 3"], outwards: Float[Array, "n 3"], spacing: float) -> Int[Array, " n"]:

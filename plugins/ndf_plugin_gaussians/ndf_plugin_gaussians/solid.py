@@ -40,6 +40,20 @@ _COMPLETE = 0.9
 
 
 @dataclass(frozen=True)
+class Ground:
+    """The plane that an object stands on."""
+
+    side: Side
+    level: float
+    """Coordinate along the side's axis."""
+
+    def height(self, points: Float[Array, "n 3"]) -> Float[Array, " n"]:
+        """Above the ground, towards the object."""
+        axis, sign = self.side
+        return (self.level - points[:, axis]) * sign
+
+
+@dataclass(frozen=True)
 class Solid:
     """A solid on a grid."""
 
@@ -48,6 +62,8 @@ class Solid:
     depth: float
     """How far below the boundary the visible splats lie, about; input units."""
     notes: tuple[str, ...]
+    ground: Ground | None = None
+    """Where it was cut flat."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +104,11 @@ def density_solid(surfels: Surfels, grid: Grid, stands_on: str, min_component: f
         notes.append(f"stands on {side_name(ground)} ({found}): closed there with a flat cap (--stands-on)")
     field = np.where(skin, density / LEVEL - 1.0, (HIDDEN - openness(skin, ground)) / HIDDEN)
     field = np.maximum(np.clip(field, -1.0, 1.0), np.clip(density / LEVEL - 1.0, -1.0, 1.0))
+    plane = None
     if ground is not None:
-        field = _cut_off(field, ground)
+        field, plane = _cut_off(field, ground, grid)
     field, note = without_crumbs(ndimage.gaussian_filter(field, _FAIRING), min_component)
-    return Solid(field, OFFSET * grid.step, (*notes, *note))
+    return Solid(field, OFFSET * grid.step, (*notes, *note), plane)
 
 
 def _density(surfels: Surfels, grid: Grid) -> Float[Array, "x y z"]:
@@ -101,10 +118,10 @@ def _density(surfels: Surfels, grid: Grid) -> Float[Array, "x y z"]:
     return ndimage.gaussian_filter(mass, _BLUR, mode="constant") * (np.sqrt(2.0 * np.pi) * _BLUR * grid.step)
 
 
-def _cut_off(field: Float[Array, "x y z"], ground: Side) -> Float[Array, "x y z"]:
+def _cut_off(field: Float[Array, "x y z"], side: Side, grid: Grid) -> tuple[Float[Array, "x y z"], Ground]:
     """Without what lies below the ground: the last layer whose section is complete. Splats grow few and ragged below
     it, as nobody looked there."""
-    axis, sign = ground
+    axis, sign = side
     layers = np.moveaxis(field > 0, axis, 0)[::-sign]
     area = layers.sum(axis=(1, 2))
     within = np.flatnonzero(area)
@@ -112,7 +129,9 @@ def _cut_off(field: Float[Array, "x y z"], ground: Side) -> Float[Array, "x y z"
     first = int(within[0] + np.flatnonzero(lowest >= _COMPLETE * lowest.max())[0])
     cut = field.copy()
     np.moveaxis(cut, axis, 0)[::-sign][:first] = -1.0
-    return cut
+    # The boundary lies half a cell beyond the last layer that is left.
+    place = first - 0.5 if sign < 0 else field.shape[axis] - 1 - (first - 0.5)
+    return cut, Ground(side, float(grid.low[axis] + grid.step * place))
 
 
 def without_crumbs(field: Float[Array, "x y z"], smallest: float) -> tuple[Float[Array, "x y z"], list[str]]:

@@ -17,7 +17,7 @@ class TestGaussians(RepresentationSuite):
     name = "gaussians"
     options: ClassVar = {"resolution": 48, "stands_on": "none"}
     tolerance = 2e-3
-    """A tenth of a cell: the heights are interpolated on a grid that does not turn with the splats."""
+    """A tenth of a cell: distances are interpolated on a grid that does not turn with the splats."""
 
     def source(self, folder: Path) -> Path:
         return _write(folder / "ball.ply", _splats())

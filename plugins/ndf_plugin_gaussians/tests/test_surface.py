@@ -153,7 +153,7 @@ def test_a_crop_box_leaves_half_a_ball() -> None:
 @pytest.mark.parametrize(
     ("change", "error", "match"),
     [
-        ({"opacities": np.zeros(3000)}, InputError, "0 splats are left.*fainter than 0.3"),
+        ({"opacities": np.zeros(3000)}, InputError, "0 splats are left.*fainter than 0.1"),
         ({"centres": np.ones((3000, 3))}, InputError, "lie in one point"),
         ({"centres": np.zeros((3000, 3))}, InputError, "lie in one point"),
     ],

@@ -13,18 +13,18 @@ from ndf_core.surfaces.implicit_field import ImplicitField
 from ndf_plugin_gaussians.grid import Grid
 
 _STEEPEST = 2.0
-"""Bound of |phi| over the distance: heights are distances but for smoothing and jumps between planes."""
+"""Bound of |phi| over the distance, to be safe: the numbers are distances."""
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 
-class HeightField(ImplicitField):
-    """phi is the interpolated height less `level`; beyond the grid it goes on as at the border.
+class GridField(ImplicitField):
+    """phi is the interpolated number; beyond the grid it goes on as at the border.
 
     Runs on the CPU; points on another device are copied there and back.
     """
 
-    def __init__(self, values: Float[Array, "x y z"], grid: Grid, level: float) -> None:
-        self._values, self._grid, self._level = np.ascontiguousarray(values, dtype=np.float64), grid, level
+    def __init__(self, values: Float[Array, "x y z"], grid: Grid) -> None:
+        self._values, self._grid = np.ascontiguousarray(values, dtype=np.float64), grid
         self.bounds = Box(*grid.bounds)
         self.lipschitz = _STEEPEST
 
@@ -57,4 +57,4 @@ class HeightField(ImplicitField):
             ],
             axis=1,
         )
-        return torch.from_numpy(values - self._level).to(points), torch.from_numpy(gradient / grid.step).to(points)
+        return torch.from_numpy(values).to(points), torch.from_numpy(gradient / grid.step).to(points)
