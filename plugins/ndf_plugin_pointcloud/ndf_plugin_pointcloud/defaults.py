@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,10 +16,12 @@ CLOSEST_DEFAULTS: Mapping[str, Any] = {**WINDING_DEFAULTS, "loss": {"cycle": 1e2
 """Soups that land on their closest triangle: a projection as smooth as a mesh's, and so the weights of one."""
 
 POINTS_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e4, "projection": 1e4}, "projection_visits": 4}
-"""Points without normals. Table 3 has 1e5 for closest points of the cloud, which keeps the map at its base mesh;
-planes are smoother than points, and allow a tenth of it."""
+"""Points without normals, before they are opened. Table 3 has 1e5 for closest points of the cloud, which keeps the
+map at its base mesh; planes are smoother than points."""
 
-SHELL_DEFAULTS: Mapping[str, Any] = {**POINTS_DEFAULTS, "loss": {"cycle": 1e3, "projection": 1e4}}
-"""Shells around sheets: two sides share the faces, and 1e4 would leave their base mesh to be seen."""
+POINTS_CYCLE = ((0.012, 1e3), (0.03, 1e4), (math.inf, 1e5))
+"""Opened, their cycle weight is the first here that has their spacing, in sizes, below its bound. Planes of dense
+points turn little from one to the next, and the map may follow them; sparse ones say less than the base mesh does.
+A shell, whose planes end where its points do, never needs more than the 1e4 above."""
 
 POINT_SUFFIXES = (".ply", ".xyz", ".pts", ".pcd", ".pwn")

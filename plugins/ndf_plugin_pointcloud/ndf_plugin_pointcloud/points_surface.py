@@ -10,7 +10,7 @@ import torch
 from ndf_core.interfaces import Surface
 from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, eroded, offset_surface, sampling_spacing
 from ndf_core.surfaces.fingerprint import fingerprint
-from ndf_plugin_pointcloud.defaults import POINTS_DEFAULTS, SHELL_DEFAULTS
+from ndf_plugin_pointcloud.defaults import POINTS_CYCLE, POINTS_DEFAULTS
 from ndf_plugin_pointcloud.level_set_mesh import sample_by_landing
 from ndf_plugin_pointcloud.local_planes import LocalPlanes
 from ndf_plugin_pointcloud.orientation import oriented_normals, outward_vectors
@@ -75,12 +75,14 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
     outwards = outward_vectors(points, offset, threads) if solid else None
     planes = LocalPlanes(points, config.neighbours, outwards, bounded=not solid, threads=threads)
     projector = ShellProjector(planes, 0.0 if solid else radius, _LIMIT * radius)
+    cycle = next(weight for bound, weight in POINTS_CYCLE if spacing < bound * cloud.size)
+    cycle = cycle if solid else min(cycle, POINTS_DEFAULTS["loss"]["cycle"])
     return Surface(
         representation="points",
         base_mesh=DilationExtractor(eroded(offset, _EROSION * radius, threads) if solid else offset),
         projector=projector,
         fingerprint=digest,
-        training_defaults=POINTS_DEFAULTS if solid else SHELL_DEFAULTS,
+        training_defaults={**POINTS_DEFAULTS, "loss": {**POINTS_DEFAULTS["loss"], "cycle": cycle}},
         sample=lambda count, rng: (
             (rng.choice(points, count), None)
             if solid

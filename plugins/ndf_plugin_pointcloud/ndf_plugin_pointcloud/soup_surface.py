@@ -37,6 +37,9 @@ _RAYS, _LIFT = 20_000, 1e-4
 """Points from which it is looked whether a side sees the outside, and how far above the triangle, in sizes."""
 _BOUNDARY = 0.75
 """Least share of the area seen from outside across which w - 1/2 has to change sign."""
+_CLOSED = 0.9
+"""Share of the area that bounds the inside, from which landing on the closest triangle is the rule. Below it, parts
+hide in each other: rays are traced, and jump from one to the next."""
 _RADIUS = 0.01
 """Of a dilation, in sizes."""
 
@@ -108,7 +111,7 @@ def _wound(soup: Triangles, tree: WindingTree, config: SoupConfig, digest: str, 
         base_mesh=extractor,
         projector=projector,
         fingerprint=digest,
-        training_defaults=CLOSEST_DEFAULTS,
+        training_defaults=CLOSEST_DEFAULTS if share > _CLOSED else WINDING_DEFAULTS,
         sample=lambda count, rng: sample_by_landing(*extractor.dense[:2], projector.land, count, rng),
         notes=tuple(notes),
     )

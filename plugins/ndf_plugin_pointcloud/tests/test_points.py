@@ -170,6 +170,19 @@ def test_closest_points_of_ellipses() -> None:
     np.testing.assert_allclose(flat, [[0, 0], [0, 0.5]], atol=1e-6)
 
 
+WALL = {"interior": "keep", "radius": 0.2}
+
+
+@pytest.mark.parametrize(
+    ("count", "options", "weight"), [(30_000, WALL, 1e3), (5_000, WALL, 1e4), (500, WALL, 1e4), (2_000, {}, 1e5)]
+)
+def test_the_map_follows_dense_points_and_keeps_to_its_base_mesh_on_sparse_ones(
+    shape: trimesh.Trimesh, count: int, options: dict[str, object], weight: float
+) -> None:
+    surface = open_points(cloud(shape, count)[0], PointsConfig.model_validate(options))
+    assert surface.training_defaults["loss"] == {"cycle": weight, "projection": 1e4}
+
+
 def test_planes_through_a_plane_are_exact() -> None:
     rng = np.random.default_rng(0)
     points = np.concatenate([rng.uniform(-1, 1, (2000, 2)), np.zeros((2000, 1))], axis=1)
