@@ -74,48 +74,51 @@ class Shatter:
         """The mesh broken by these modes at once."""
         key = self._atom_labels[broken]
         same = (key[:, self._sides[0]] == key[:, self._sides[1]]).all(axis=0)
-        count = len(self._atom_labels[0])
-        graph = sp.coo_array((np.ones(int(same.sum())), self._sides[:, same]), shape=(count, count))
-        piece_of_atom = connected_components(graph, directed=False)[1]
+        piece_of_atom = _joined(self._sides[0, same], self._sides[1, same], len(self._atom_labels[0]))
         # Cracks: borders between atoms of different pieces, once for each side.
         sides = piece_of_atom[self._border_sides]
         cracked = sides[0] != sides[1]
-        a, b = self._border[:, cracked]
-        piece = sides[0, cracked]
-        return self._closed(piece_of_atom[self._atoms], a, b, piece)
+        starts, ends = self._border
+        return self._closed(piece_of_atom, starts[cracked], ends[cracked], sides[0, cracked])
 
     def _closed(
-        self, piece: Int[Array, " f"], a: Int[Array, " e"], b: Int[Array, " e"], edge_piece: Int[Array, " e"]
+        self,
+        piece_of_atom: Int[Array, " t"],
+        starts: Int[Array, " e"],
+        ends: Int[Array, " e"],
+        edge_piece: Int[Array, " e"],
     ) -> tuple[Float[Array, "v 3"], Int[Array, "f 3"], Int[Array, " f"]]:
-        """Vertices on cracks once for each piece, and a fan over each loop of each piece's cracks."""
-        faces, count = self._faces.copy(), len(self._vertices)
-        ends = np.concatenate([edge_piece * count + a, edge_piece * count + b])
-        nodes, index = np.unique(ends, return_inverse=True)
-        on_crack = np.zeros(count, dtype=bool)
-        on_crack[a] = True
-        touched = self._beside[on_crack[self._faces[self._beside]].any(axis=1)]
-        part = faces[touched]
-        place = np.searchsorted(nodes, piece[touched, None] * count + part)
-        place = np.minimum(place, len(nodes) - 1)
-        split = nodes[place] == piece[touched, None] * count + part
-        faces[touched] = np.where(split, count + place, part)
-        if not len(nodes):
+        """Vertices on cracks once for each piece, and a fan over each loop of each piece's cracks.
+
+        `starts` and `ends` are the cracks' edges, seen from `edge_piece`, as numbers of border vertices.
+        """
+        faces, count, border = self._faces.copy(), len(self._vertices), len(self._border_vertices)
+        piece = piece_of_atom[self._atoms]
+        if not len(starts):
             return self._vertices, faces, piece
-        start, end = index[: len(a)], index[len(a) :]
-        links = sp.coo_array((np.ones(len(a)), (start, end)), shape=(len(nodes), len(nodes)))
-        loop = connected_components(links, directed=False)[1]
-        copies = self._vertices[nodes % count]
+        # A table of (piece, border vertex) takes no sorting: the copy's number there, or -1.
+        table = np.full((piece_of_atom.max() + 1) * border, -1, dtype=np.int32)
+        starts_at, ends_at = edge_piece * border + starts, edge_piece * border + ends
+        table[starts_at] = table[ends_at] = 0
+        nodes = np.flatnonzero(table == 0)
+        table[nodes] = np.arange(len(nodes))
+        copy = table[piece_of_atom[self._corner_atom] * border + self._corner_vertex]
+        moved = copy >= 0
+        faces.ravel()[self._corner[moved]] = count + copy[moved]
+        start, end = table[starts_at], table[ends_at]
+        loop = _joined(start, end, len(nodes))
         # Pieces that meet in one net of cracks reach for the same point, so that together they fill the whole.
-        places, place = np.unique(nodes % count, return_inverse=True)
-        links = sp.coo_array((np.ones(len(a)), (place[start], place[end])), shape=(len(places),) * 2)
-        net = connected_components(links, directed=False)[1]
-        sizes, reached = np.bincount(net), np.zeros(loop.max() + 1, dtype=np.int64)
-        reached[loop] = net[place]
-        middles = np.stack([np.bincount(net, self._vertices[places, axis]) / sizes for axis in range(3)], axis=1)
-        middles = middles[reached]
+        net = _joined(starts, ends, border)
+        on_crack = np.zeros(border, dtype=bool)
+        on_crack[starts] = True
+        places = self._vertices[self._border_vertices]
+        sizes = np.maximum(np.bincount(net, on_crack), 1.0)
+        middles = np.stack([np.bincount(net, on_crack * places[:, axis]) / sizes for axis in range(3)], axis=1)
+        reached = np.zeros(loop.max() + 1, dtype=np.int64)
+        reached[loop] = net[nodes % border]
         fans = np.stack([count + end, count + start, count + len(nodes) + loop[start]], axis=1)
         return (
-            np.concatenate([self._vertices, copies, middles]),
+            np.concatenate([self._vertices, places[nodes % border], middles[reached]]),
             np.concatenate([faces, fans.astype(np.int32)]),
             np.concatenate([piece, edge_piece]),
         )
@@ -142,19 +145,22 @@ class Shatter:
         twin = order[np.searchsorted(key[order], stops * len(self._vertices) + starts)]
         across = owner[twin]
         same = (self.labels[:, owner] == self.labels[:, across]).all(axis=0)
-        graph = sp.coo_array((np.ones(int(same.sum())), (owner[same], across[same])), shape=(count, count))
-        self._atoms = connected_components(graph, directed=False)[1]
+        self._atoms = _joined(owner[same], across[same], count)
         self._drop_crumbs(owner, across)
         self._atom_labels = np.zeros((len(self.labels), self._atoms.max() + 1), dtype=np.int64)
         self._atom_labels[:, self._atoms] = self.labels
         border = self._atoms[owner] != self._atoms[across]
-        self._border = np.stack([starts[border], stops[border]])
         self._border_sides = np.stack([self._atoms[owner[border]], self._atoms[across[border]]])
         self._sides = np.unique(self._border_sides, axis=1)
-        on_border = np.zeros(len(self._vertices), dtype=bool)
-        on_border[starts[border]] = True
-        self._beside = np.flatnonzero(on_border[self._faces].any(axis=1))
-        """Faces that have a corner on a border: no other can come to lie on a crack."""
+        self._border_vertices = np.unique(starts[border])
+        number = np.full(len(self._vertices), -1)
+        number[self._border_vertices] = np.arange(len(self._border_vertices))
+        self._border = np.stack([number[starts[border]], number[stops[border]]])
+        """Edges between atoms, seen from each side, as numbers of border vertices."""
+        self._corner = np.flatnonzero(number[self._faces.ravel()] >= 0)
+        """Corners of faces on a border, flat: no other can come to lie on a crack."""
+        self._corner_vertex = number[self._faces.ravel()[self._corner]]
+        self._corner_atom = self._atoms[self._corner // 3]
 
     def _drop_crumbs(self, owner: Int[Array, " h"], across: Int[Array, " h"]) -> None:
         """Atoms of almost no area, slivers between almost equal cracks, go over to a neighbour."""
@@ -176,6 +182,12 @@ class Shatter:
             borders[crumb], borders[:, crumb], borders[neighbour, neighbour] = 0.0, 0.0, 0.0
         self.labels = labels[:, becomes[self._atoms]]
         self._atoms = np.unique(becomes, return_inverse=True)[1][self._atoms]
+
+
+def _joined(starts: Int[Array, " e"], ends: Int[Array, " e"], count: int) -> Int[Array, " n"]:
+    """The connected component of each of `count` nodes."""
+    graph = sp.coo_array((np.ones(len(starts), dtype=np.int8), (starts, ends)), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
 
 
 def cut(
