@@ -83,13 +83,13 @@ def measure(
         inverse: the inverse network, box frame.
         samples: number of samples on each side.
         seed: of the samples.
-        threads: for the closest points.
+        threads: for projections and closest points.
     """
     dense = dense_map(face_count, mapping)
     rng = np.random.default_rng(seed)
     faces, barycentric, normals = even_samples(dense, samples, rng)
     mapped = mapping(faces, barycentric).astype(np.float64)
-    projector = BoxProjector(surface.projector, center, scale)
+    projector = BoxProjector(surface.projector, center, scale, threads)
     directions = torch.from_numpy(normals) if projector.needs_directions else None
     projection = projector.project(torch.from_numpy(mapped), directions)
     converged = projection.converged.numpy()

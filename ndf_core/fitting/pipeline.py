@@ -163,7 +163,7 @@ class _Run:
         with clock.stage("base mesh"):
             base = self._base_mesh(held)
         geometry = BaseGeometry(base.vertices, base.faces, self._device)
-        projector = BoxProjector(self._surface.projector, base.center, base.scale)
+        projector = BoxProjector(self._surface.projector, base.center, base.scale, self._workers)
         anchors = self._anchors(geometry, base)
         with clock.stage("initialise"):
             parameters = initial_parameters(geometry, config if held is None else _without_training(config))

@@ -66,11 +66,18 @@ def _forward_steps(
     if projector.needs_directions:
         directions = mapped_frame(parameters, geometry, base.face, base.barycentric).frame.normal
 
+    mapped = _map(parameters, base)
+    found = projector.project(mapped, directions)
+
     def error(candidate: Parameters) -> float:
         points = _map(candidate, base)
-        projection = projector.project(points, directions)
-        distance = (points - projection.points)[projection.converged]
-        return float(distance.double().square().sum(1).mean())
+        if found.normals is None:
+            projection = projector.project(points, directions)
+            distance = (points - projection.points)[projection.converged]
+            return float(distance.double().square().sum(1).mean())
+        # Rounding moves points by less than they are away, so that the surface there is its plane to second order.
+        height = ((points - found.points) * found.normals).sum(1)[found.converged]
+        return float(height.double().square().mean())
 
     names = [name for name in parameters.views if not name.startswith("inverse") and parameters.views[name].numel()]
     sensitivity = sensitivities(

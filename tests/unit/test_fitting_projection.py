@@ -94,3 +94,16 @@ def test_the_torus_of_the_tests_is_one() -> None:
     assert answer.normals is not None
     cross = torch.linalg.cross(points - found, answer.normals)
     torch.testing.assert_close(cross, torch.zeros_like(cross), rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("fault", [upper_half_fails, without_normals])
+def test_many_points_are_shared_out_in_order(fault: object) -> None:
+    points = queries(7000)
+    directions = torch.nn.functional.normalize(points, dim=1)
+    alone, shared = (Altered(SphereProjector(), fault, needs_directions=True) for _ in range(2))
+    one = BoxProjector(alone, np.array(CENTER), SCALE).project(points, directions)
+    three = BoxProjector(shared, np.array(CENTER), SCALE, threads=5).project(points, directions)
+    assert len(alone.directions) == 1 and len(shared.directions) == 3, "2,048 points or more for each thread"
+    for one_part, other in zip(one, three, strict=True):
+        assert (one_part is None) == (other is None)
+        assert one_part is None or torch.equal(one_part, other)
