@@ -37,7 +37,7 @@ def with_modes(
     mesh = asset.extract(longest / 40, measure_edges=False)
     solid = solid_inside((mesh.vertices - center) / longest, mesh.faces, spacing)
     modes = fracture_modes(solid, count, weight)
-    fine = asset.extract(longest / 120, measure_edges=False)
+    fine = asset.extract(longest / 200, measure_edges=False)
     values = labels_at(solid, modes, (fine.vertices - center) / longest)
     names = [f"mode {i} piece {k}" for i, mode in enumerate(modes) for k in range(len(mode.motions))]
     config = FieldConfig.model_validate(
