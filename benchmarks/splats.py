@@ -11,11 +11,11 @@ extracts, and measures
 - `solid`: share of 2,000 rays from outside that find solid (winding number of the mesh above 1/2) 2% of the longest
   side behind their first hit; and what the others met: `thin` (the mesh itself is thinner than that below the hit),
   `pit` (the ray enters again within 2%), `ridge` (the rest: edges and grazing rays);
-- `color_error`: mean over channels and opaque centres of the colour learned (`ndf fit --colors`) at the closest point
-  less the splat's own, and the bytes it adds.
+- `color_error`, with `--colors`: mean over channels and opaque centres of the colour learned (`ndf fit --colors`) at
+  the closest point less the splat's own, and the bytes it adds.
 
     python benchmarks/splats.py [FILE ...] [--steps N] [--option base_mesh=dilation ...] [--assets FOLDER]
-        [--pictures FOLDER]
+        [--pictures FOLDER] [--colors]
 """
 
 from __future__ import annotations
@@ -77,8 +77,6 @@ class Row:
     pit: float
     ridge: float
     """Shares of all rays."""
-    color_error: float
-    color_bytes: int
     closed: bool
     manifold: bool
     components: int
@@ -99,8 +97,13 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="of the fit; none: as by default")
     parser.add_argument("--faces", type=int, default=4000)
     parser.add_argument("--option", action="append", default=[], metavar="NAME=VALUE", help="of the representation")
-    parser.add_argument("--assets", type=Path, help="folder where representations.py wrote its assets")
+    parser.add_argument(
+        "--assets",
+        type=Path,
+        help="folder with assets of representations.py; where one is missing it is fitted and written",
+    )
     parser.add_argument("--pictures", type=Path)
+    parser.add_argument("--colors", action="store_true", help="learn and measure colours too")
     parser.add_argument("--output", type=Path, default=HERE / "results" / "splats.json")
     arguments = parser.parse_args()
     options = dict(text.split("=", 1) for text in arguments.option)
@@ -111,7 +114,12 @@ def main() -> None:
             asset, seconds, notes = ndf_core.load(fitted), (None, None), ()
         else:
             asset, seconds, notes = fit(path, options, arguments.faces, arguments.steps)
+            if fitted:
+                asset.save(fitted)
         row = asdict(measure_file(path, options, asset, seconds, notes, arguments.pictures))
+        row |= (
+            measure_colors(path, options, asset) if arguments.colors else {"color_error": None, "color_bytes": None}
+        )
         same = [r for r in done if (r["file"], r["options"]) == (row["file"], row["options"])]
         done = [r for r in done if r not in same] + [row]
         print(" ".join(f"{key}={value:.4g}" if isinstance(value, float) else f"{key}={value}"
@@ -148,7 +156,6 @@ def measure_file(
     outer = seen(kept, centres)
     counts = mesh_counts(mesh.faces, len(mesh.vertices))
     rays = ray_shares(mesh.vertices, mesh.faces)
-    colored = learn_colors(asset, ColoredPoints(centres, np.clip(opaque.colours, 0.0, 1.0)))
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)
         write_png(pictures / f"{path.name}.png", picture(kept, mesh.vertices, mesh.faces, path.name))
@@ -166,8 +173,6 @@ def measure_file(
         thin=rays[1],
         pit=rays[2],
         ridge=rays[3],
-        color_error=color_error(colored.asset, opaque),
-        color_bytes=int(colored.report["field_bytes"]),
         closed=bool(mesh.statistics["closed"]),
         manifold=bool(mesh.statistics["manifold"]),
         components=counts[0],
@@ -268,11 +273,16 @@ def ray_shares(
     return float(1 - missed.mean()), float(thin.mean()), float(pit.mean()), float(ridge.mean())
 
 
-def color_error(asset: Asset, splats: Splats) -> float:
-    """Mean difference between the colours learned where the surface is closest to the centres and the splats' own."""
+def measure_colors(path: Path, options: dict[str, str], asset: Asset) -> dict[str, float]:
+    """Learn the colours of the opaque splats: mean error where the surface is closest to their centres, and bytes."""
+    config = GaussiansConfig.model_validate(options)
+    kept = filter_splats(read_splat_file(path)[0], config, str(path))[0]
+    splats = kept.take(kept.opacities > OPAQUE)
+    colors = np.clip(splats.colours, 0.0, 1.0)
+    learned = learn_colors(asset, ColoredPoints(splats.centres, colors))
     faces, barycentric, _ = asset.locate(splats.centres)
-    learned = asset.values("color", faces, barycentric)
-    return float(np.abs(np.clip(learned, 0.0, 1.0) - np.clip(splats.colours, 0.0, 1.0)).mean())
+    found = np.clip(learned.asset.values("color", faces, barycentric), 0.0, 1.0)
+    return {"color_error": float(np.abs(found - colors).mean()), "color_bytes": int(learned.report["field_bytes"])}
 
 
 def mesh_counts(faces: Int[Array, "f 3"], vertex_count: int) -> tuple[int, int]:

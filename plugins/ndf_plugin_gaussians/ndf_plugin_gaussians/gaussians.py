@@ -13,7 +13,7 @@ from ndf_plugin_gaussians.detect import NAMES, SUFFIXES, look
 
 TRAINING_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e5, "projection": 1e4}}
 """Table 3, for the paper's projection: closest centres jump, and a strong cycle loss evens that out."""
-SMOOTH_TRAINING_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e4, "projection": 1e4}, "projection_visits": 4}
+SMOOTH_TRAINING_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e3, "projection": 1e4}, "projection_visits": 4}
 """For the smooth one, which needs less of that. It costs some ten times a training step per point, so each projection
 serves for four."""
 

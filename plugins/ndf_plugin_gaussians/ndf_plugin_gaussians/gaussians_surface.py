@@ -15,7 +15,7 @@ from ndf_core.surfaces.level_set_projector import LevelSetProjector
 from ndf_core.surfaces.random_lines import sample_level_set
 from ndf_plugin_gaussians.centre_projector import CentreProjector
 from ndf_plugin_gaussians.dilated import dilated_solid
-from ndf_plugin_gaussians.distances import signed_distances
+from ndf_plugin_gaussians.distances import like_distances
 from ndf_plugin_gaussians.filtering import FEWEST, filter_splats
 from ndf_plugin_gaussians.gaussians import SMOOTH_TRAINING_DEFAULTS, TRAINING_DEFAULTS, GaussiansConfig
 from ndf_plugin_gaussians.grid import Grid
@@ -69,7 +69,7 @@ def open_gaussians(source: str | Path | object, config: GaussiansConfig) -> Surf
     layer = visible_layer(surfels, Boundary(outer), solid, _LAYER * fine.step, opaque)
     inside = without_crumbs(smooth_surface(fine, layer, opaque, solid.ground), config.min_component)[0]
     mesh = meshed(inside, fine)
-    surface = GridField(signed_distances(inside, fine, Boundary(mesh)), fine)
+    surface = GridField(like_distances(inside, fine, Boundary(mesh)), fine)
     smooth = config.projection == "smooth"
     base = mesh if config.base_mesh == "density" else outer
     invented = f"{layer.invented:.1%} of the surface has no splats near it and follows the solid that they enclose"

@@ -88,7 +88,7 @@ def test_the_core_opens_it(tmp_path: Path) -> None:
     (tmp_path / "a.ply").write_bytes(inria(random_splats(800)))
     surface = ndf_core.open(tmp_path / "a.ply", resolution=32)
     assert surface.representation == "gaussians"
-    assert surface.training_defaults["loss"]["cycle"] == 1e4
+    assert surface.training_defaults["loss"]["cycle"] == 1e3
     paper = ndf_core.open(tmp_path / "a.ply", resolution=32, projection="centre")
     assert paper.training_defaults == gaussians.ndf_representation().training_defaults
     assert any("3DGS .ply" in note for note in surface.notes)

@@ -1,0 +1,91 @@
+"""Screened Poisson reconstruction on a grid: spheres come back, gaps are bridged, and where centres are far apart
+their scatter does not count."""
+
+from __future__ import annotations
+
+import numpy as np
+from ndf_plugin_gaussians.distances import like_distances
+from ndf_plugin_gaussians.grid import Grid
+from ndf_plugin_gaussians.layer import Boundary, Layer
+from ndf_plugin_gaussians.poisson import ScreenedPoisson
+from ndf_plugin_gaussians.smooth_surface import plane_distances, smooth_surface
+from ndf_plugin_gaussians.solid import Ground, meshed
+
+GRID = Grid.around(np.array([[-1.0, -1, -1], [1, 1, 1]]), 32).refined(1.0)
+
+
+def directions(count: int) -> np.ndarray:
+    """Evenly over the unit sphere, on Fibonacci's spiral."""
+    height = (2 * np.arange(count) + 1) / count - 1
+    angle = np.pi * (1 + np.sqrt(5)) * np.arange(count)
+    ring = np.sqrt(1 - height**2)
+    return np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+
+
+def layer(points: np.ndarray, normals: np.ndarray, detail: float) -> Layer:
+    return Layer(points, normals, np.ones(len(points)), np.full(len(points), detail), 0.0)
+
+
+def nodes(grid: Grid) -> np.ndarray:
+    return grid.nodes(np.argwhere(np.ones(grid.shape, dtype=bool)))
+
+
+def radii(field: np.ndarray) -> np.ndarray:
+    """Of the vertices of the zero level set, from the origin."""
+    return np.linalg.norm(meshed(field, GRID).vertices, axis=1)
+
+
+def test_points_of_a_sphere_give_the_sphere() -> None:
+    normals = directions(4000)
+    field = ScreenedPoisson(GRID, layer(normals, normals, GRID.step)).solve(16.0)
+    inside = np.linalg.norm(nodes(GRID), axis=1).reshape(GRID.shape) < 1.0
+    away = np.abs(np.linalg.norm(nodes(GRID), axis=1).reshape(GRID.shape) - 1.0) > GRID.step
+    assert ((field > 0) == inside)[away].all()
+    assert np.abs(radii(4.0 * field) - 1.0).max() < 0.15 * GRID.step
+
+
+def test_gaps_are_bridged() -> None:
+    normals = directions(4000)
+    normals = normals[normals[:, 2] < np.cos(np.radians(25))]
+    mesh = meshed(4.0 * ScreenedPoisson(GRID, layer(normals, normals, GRID.step)).solve(16.0), GRID)
+    over = mesh.vertices[(np.hypot(*mesh.vertices[:, :2].T) < 0.3) & (mesh.vertices[:, 2] > 0)]
+    # Between the plane through the rim of the gap, a little below it, and the sphere.
+    assert 0.8 < over[:, 2].min() <= over[:, 2].max() < 1.05
+
+
+def test_scatter_counts_less_where_centres_are_far_apart() -> None:
+    normals = directions(4000)
+    points = normals * (1.0 + 0.5 * GRID.step * np.random.default_rng(0).standard_normal((4000, 1)))
+    dense, sparse = (
+        radii(4.0 * ScreenedPoisson(GRID, layer(points, normals, detail * GRID.step)).solve(16.0)).std()
+        for detail in (0.5, 8.0)
+    )
+    assert sparse < 0.5 * dense
+
+
+def test_below_the_ground_nothing_is_left() -> None:
+    normals = directions(4000)
+    field = smooth_surface(GRID, layer(normals, normals, GRID.step), normals, Ground((2, -1), -0.5))
+    vertices = meshed(field, GRID).vertices
+    assert vertices[:, 2].min() > -0.5 - 0.05 * GRID.step
+    flat = vertices[np.hypot(*vertices[:, :2].T) < 0.7]
+    assert np.ptp(flat[flat[:, 2] < 0, 2]) < 0.1 * GRID.step
+
+
+def test_numbers_like_distances_have_the_same_zero_set() -> None:
+    radius = np.linalg.norm(nodes(GRID), axis=1)
+    inside = ((0.8 - radius) / GRID.step * (1.0 + 0.5 * np.sin(3 * nodes(GRID)[:, 0]))).reshape(GRID.shape)
+    field = like_distances(inside, GRID, Boundary(meshed(inside, GRID)))
+    assert ((field < 0) == (inside > 0)).all()
+    np.testing.assert_allclose(
+        np.linalg.norm(meshed(-field / GRID.step, GRID).vertices, axis=1), 0.8, atol=0.1 * GRID.step
+    )
+    near = np.abs(radius - 0.8).reshape(GRID.shape) < 5 * GRID.step
+    np.testing.assert_allclose(field[near], (radius - 0.8).reshape(GRID.shape)[near], atol=0.5 * GRID.step)
+
+
+def test_distances_from_the_neighbours_plane() -> None:
+    flat = np.random.default_rng(1).uniform(-1, 1, (500, 3)) * [1.0, 1.0, 0.0]
+    assert plane_distances(flat).max() < 1e-12
+    raised = np.concatenate([flat, [[0.0, 0.0, 0.05]]])
+    assert 0.03 < plane_distances(raised)[-1] < 0.07
