@@ -15,6 +15,12 @@ WINDING_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e4, "projection": 1e4}
 CLOSEST_DEFAULTS: Mapping[str, Any] = {**WINDING_DEFAULTS, "loss": {"cycle": 1e2, "projection": 1e4}}
 """Soups that land on their closest triangle: a projection as smooth as a mesh's, and so the weights of one."""
 
+HIDDEN_DEFAULTS: Mapping[str, Any] = {**WINDING_DEFAULTS, "projection_visits": 8}
+"""Soups whose parts hide in each other: rays are traced, jump from one part to the next, and are slow."""
+
+DILATED_DEFAULTS: Mapping[str, Any] = {**WINDING_DEFAULTS, "loss": {"cycle": 1e3, "projection": 1e4}}
+"""Soups dilated to shells: as smooth, but two sides share the faces; 1e4 leaves the base mesh's facets to be seen."""
+
 POINTS_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e4, "projection": 1e4}, "projection_visits": 4}
 """Points without normals, before they are opened. Table 3 has 1e5 for closest points of the cloud, which keeps the
 map at its base mesh; planes are smoother than points."""

@@ -19,7 +19,7 @@ from ndf_core.readers.mesh_file import read_mesh_file
 from ndf_core.readers.polygons import RawMesh
 from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, offset_surface
 from ndf_core.surfaces.fingerprint import fingerprint
-from ndf_plugin_pointcloud.defaults import CLOSEST_DEFAULTS, WINDING_DEFAULTS
+from ndf_plugin_pointcloud.defaults import CLOSEST_DEFAULTS, DILATED_DEFAULTS, HIDDEN_DEFAULTS
 from ndf_plugin_pointcloud.directions import Neighbourhood
 from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor, sample_by_landing
 from ndf_plugin_pointcloud.patches import orient_soup
@@ -38,8 +38,7 @@ _RAYS, _LIFT = 20_000, 1e-4
 _BOUNDARY = 0.75
 """Least share of the area seen from outside across which w - 1/2 has to change sign."""
 _CLOSED = 0.9
-"""Share of the area that bounds the inside, from which landing on the closest triangle is the rule. Below it, parts
-hide in each other: rays are traced, and jump from one to the next."""
+"""Share of the area that bounds the inside, from which landing on the closest triangle is the rule."""
 _RADIUS = 0.01
 """Of a dilation, in sizes."""
 
@@ -111,7 +110,7 @@ def _wound(soup: Triangles, tree: WindingTree, config: SoupConfig, digest: str, 
         base_mesh=extractor,
         projector=projector,
         fingerprint=digest,
-        training_defaults=CLOSEST_DEFAULTS if share > _CLOSED else WINDING_DEFAULTS,
+        training_defaults=CLOSEST_DEFAULTS if share > _CLOSED else HIDDEN_DEFAULTS,
         sample=lambda count, rng: sample_by_landing(*extractor.dense[:2], projector.land, count, rng),
         notes=tuple(notes),
     )
@@ -152,7 +151,7 @@ def _dilated(soup: Triangles, config: SoupConfig, digest: str, notes: list[str])
         base_mesh=DilationExtractor(offset),
         projector=projector,
         fingerprint=digest,
-        training_defaults=WINDING_DEFAULTS,
+        training_defaults=DILATED_DEFAULTS,
         sample=lambda count, rng: sample_by_landing(offset.vertices, offset.faces, projector.land, count, rng),
         notes=tuple(notes),
     )

@@ -160,13 +160,14 @@ def test_a_surface_of_very_large_area_is_looked_at_with_larger_cells() -> None:
     assert 48 < cells[2] < 100
 
 
-def test_a_soup_that_lands_on_triangles_is_fitted_with_the_weights_of_a_mesh() -> None:
-    """A dilation keeps those of traced rays."""
+def test_weights_are_those_of_what_projections_are_like() -> None:
+    """Closest triangles, rays where parts hide in each other, the two sides of a dilation."""
     shape = ring()
+    nested = trimesh.util.concatenate([shape.copy().apply_scale([1, 1, s]) for s in (1.0, 0.98, 0.96)])
     given = [
         open_soup(
-            (shape.vertices, shape.faces), SoupConfig(resolution=64, method=method, radius=0.2)
-        ).training_defaults["loss"]
-        for method in ("winding", "dilation")
+            (mesh.vertices, mesh.faces), SoupConfig(resolution=64, method=method, radius=0.2)
+        ).training_defaults["loss"]["cycle"]
+        for mesh, method in ((shape, "winding"), (nested, "winding"), (shape, "dilation"))
     ]
-    assert given == [{"cycle": 1e2, "projection": 1e4}, {"cycle": 1e4, "projection": 1e4}]
+    assert given == [1e2, 1e4, 1e3]
