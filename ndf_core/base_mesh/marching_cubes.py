@@ -11,7 +11,11 @@ from ndf_core.base_mesh.lattice import CORNERS, Lattice, ScalarField, evaluate
 from ndf_core.base_mesh.narrow_band import Band
 
 MARGIN = 1e-3
-"""Crossings stay this share of an edge away from its ends, so that no triangle loses its area."""
+"""Crossings stay this share of an edge away from its ends, so that no triangle loses its area ..."""
+APART = 6e-5
+"""... and this share of the longest side, four steps of 16 bits: what is nearer than that could not be stored."""
+MOST = 0.1
+"""Of an edge, whatever the resolution."""
 
 
 def marching_cubes(
@@ -66,7 +70,8 @@ def _crossings(
     near = np.where(np.isfinite(ends[0]), 0.0, 1.0)
     part = np.divide(ends[0], ends[0] - ends[1], out=near, where=finite)
     part = share[0] + part * (share[1] - share[0])
-    return band.lattice.positions(start + np.clip(part, MARGIN, 1 - MARGIN)[:, None] * step)
+    margin = min(max(MARGIN, APART * int(band.lattice.inner.max()) / width), MOST)
+    return band.lattice.positions(start + np.clip(part, margin, 1 - margin)[:, None] * step)
 
 
 def _halve(

@@ -70,6 +70,19 @@ def test_vertices_approach_the_level_set_quadratically() -> None:
     assert errors[1] < errors[0] / 3 and errors[2] < errors[1] / 3
 
 
+def test_vertices_around_a_corner_can_be_told_apart_when_stored() -> None:
+    """Also on the finest grid, where the level set all but goes through one of its corners."""
+    corner = BOX[0] + 3 * np.array([200, 256, 300]) / 512
+
+    def speck(points: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(points - corner, axis=1) - 1e-7
+
+    vertices, faces = marching_cubes(sample_near_level_set(speck, BOX, 512, 1.0))
+    assert len(faces) == 8
+    apart = np.linalg.norm(vertices[:, None] - vertices, axis=2) + 3 * np.eye(len(vertices))
+    assert apart.min() > 4 * 3 / 65535
+
+
 def test_bisection_finds_the_surface_of_an_occupancy() -> None:
     def occupancy(points: np.ndarray) -> np.ndarray:
         return np.where(torus(points) < 0, -1.0, 1.0)
