@@ -9,17 +9,24 @@ import click
 
 from ndf_core.cli.processing import draw_surface, parse_point, read_surface, surface_options
 from ndf_core.cli.result import Result, as_lines
+from ndf_core.errors import ConfigError
 
 _PICTURE_SIDE = 800
 _RINGS = 12
 
 
 @click.command(short_help="The surface as seen from one of its points.")
-@click.option("--source", "point", required=True, metavar="X,Y,Z", help="The closest vertex is the origin.")
+@click.option(
+    "--source", "points", required=True, multiple=True, metavar="X,Y,Z", help="The closest vertex is the origin."
+)
 @surface_options
-def command(source: Path, point: str, output: Path, edge_length: float | None, picture: Path | None) -> Result:
+def command(
+    source: Path, points: tuple[str, ...], output: Path, edge_length: float | None, picture: Path | None
+) -> Result:
     """Two coordinates of every vertex: its distance, in the direction to set out in (logarithmic map)."""
-    coordinates = [parse_point(point)]
+    coordinates = [parse_point(text) for text in points]
+    if len(coordinates) > 1:
+        raise ConfigError(f"--source: {len(points)} points; the surface is seen from one")
     start = time.perf_counter()
     mesh = read_surface(source, edge_length, output, picture)
 

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
     from ndf_core.processing.mesh_input import InputMesh
 
+_FARTHEST = 1e100
+"""Squares of coordinates have to stay finite."""
+
 
 def surface_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """INPUT, --output, --edge-length, --png, --json and --debug."""
@@ -67,7 +70,7 @@ def parse_point(text: str, option: str = "--source") -> list[float]:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
+    if len(numbers) != 3 or not all(abs(number) < _FARTHEST for number in numbers):
         raise ConfigError(f"{option} {text}: must be three numbers with commas, such as 0.5,0,-1")
     return numbers
 

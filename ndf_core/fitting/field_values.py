@@ -12,6 +12,8 @@ from numpy import ndarray as Array
 from ndf_core.errors import InputError
 
 _MOST_COLUMNS = 4096
+_LARGEST = 1e15
+"""Squares of such values still leave single precision room for sums."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,10 @@ def _numbers(values: Array, kind: str) -> Float[Array, "m k o"]:
         bad = np.flatnonzero(~np.isfinite(numbers).all(axis=(1, 2)))
         raise InputError(
             f"field values: {len(bad):,} of {len(numbers):,} rows are not finite, the first is row {bad[0]}"
+        )
+    if np.abs(numbers).max() > _LARGEST:
+        raise InputError(
+            f"field values: up to {np.abs(numbers).max():.3g}; at most {_LARGEST:g} fits into single precision"
         )
     if kind == "binary":
         if not np.isin(numbers, (0, 1)).all():

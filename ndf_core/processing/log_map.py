@@ -10,7 +10,11 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.errors import InputError
+from ndf_core.mesh import face_normals
 from ndf_core.processing.operators import Operators
+
+_THINNEST = 1e-10
+"""Height of a triangle over its longest side."""
 
 
 class VectorHeat:
@@ -25,12 +29,19 @@ class VectorHeat:
         """Keep the mesh; it is factorised when first needed.
 
         Raises:
-            InputError: the mesh has more than one component, between which nothing can be transported.
+            InputError: the mesh has more than one component, between which nothing can be transported, or triangles
+                without area, which potpourri3d does not survive.
         """
         if operators.components.max() > 0:
             raise InputError(
                 f"the mesh has {int(operators.components.max()) + 1} components; directions are transported on one"
             )
+        sides = operators.vertices[operators.faces] - operators.vertices[np.roll(operators.faces, -1, axis=1)]
+        longest = (sides**2).sum(axis=2).max(axis=1)
+        heights = np.linalg.norm(face_normals(operators.vertices, operators.faces), axis=1)
+        thin = int((heights <= _THINNEST * longest).sum())
+        if thin:
+            raise InputError(f"{thin:,} triangles have no area: the logarithmic map needs a mesh without such")
         self._operators = operators
 
     def nearest_vertices(self, points: Float[Array, "n 3"] | Sequence[Sequence[float]]) -> Int[Array, " n"]:

@@ -15,12 +15,15 @@ from ndf_core.errors import InputError
 from ndf_core.extract.intrinsic_delaunay import intrinsic_delaunay
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.kernels.delaunay import IntrinsicTriangulation
-from ndf_core.mesh import interpolate
+from ndf_core.mesh import face_normals, interpolate
 from ndf_core.processing.cholesky import Cholesky
 from ndf_core.processing.surface_points import SurfacePoints
 from ndf_core.processing.triangles import areas, corners_in_plane, cotangents, mollified
 
 MassKind = Literal["lumped", "galerkin", "mean"]
+
+_NO_AREA = 1e-14
+"""Of a mesh's area over the square of its longest side."""
 
 
 @runtime_checkable
@@ -59,8 +62,8 @@ class Operators:
             edge_lengths: Of the faces' edges, where the surface is not the triangles: from corner i to corner i + 1.
 
         Raises:
-            InputError: there is no face, or a vertex that no face uses. What else can be wrong with a mesh is said
-                when the triangulation is first needed.
+            InputError: there is no face, no area, or a vertex that no face uses. What else can be wrong with a mesh
+                is said when the triangulation is first needed.
         """
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         self.faces = np.ascontiguousarray(faces, dtype=np.int32)
@@ -75,6 +78,10 @@ class Operators:
                 f"{int((~used).sum()):,} of {len(used):,} vertices belong to no face, the first is vertex "
                 f"{int(used.argmin())} (from 0): remove them"
             )
+        if edge_lengths is None and triangulation is None:
+            area = float(np.linalg.norm(face_normals(self.vertices, self.faces), axis=1).sum())
+            if area <= _NO_AREA * float(np.ptp(self.vertices, axis=0).max()) ** 2:
+                raise InputError("the mesh has no area: its vertices lie at one place or along a line")
         self.edge_lengths = edge_lengths
         self._given = triangulation
 

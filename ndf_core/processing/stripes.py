@@ -64,7 +64,9 @@ def stripe_pattern(field: DirectionField, period: float | Float[Array, " v"]) ->
     sign, change = _along_edges(frames, field, frequency)
     matrix = _energy(frames, sign, change)
     start = np.exp(2j * np.pi * np.random.default_rng(0).random(len(frames.vertices)))
-    shift = _SHIFT * float(np.mean(frequency)) ** 2
+    # Stripes wider than the surface leave a constant, with an eigenvalue of zero: the shift must not vanish as well.
+    least = _SHIFT * 4 * np.pi / float(frames.areas.sum())
+    shift = _SHIFT * max(float(np.mean(frequency)) ** 2, least)
     values, _ = smallest_eigenvector(matrix, frames.mass, shift, start)
     return Stripes(values, *_at_corners(frames, sign, change, values))
 
@@ -124,11 +126,12 @@ def _at_corners(
 
 
 def phase_gradients(frames: TangentFrames, phases: Float[Array, "f 3"]) -> Float[Array, " f"]:
-    """Length of the phase's gradient in each face: 2 pi over the distance of stripes there."""
+    """Length of the phase's gradient in each face: 2 pi over the distance of stripes there, or 0 without area."""
     corners = frames.vertices[frames.faces]
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     rise = np.stack([phases[:, 1] - phases[:, 0], phases[:, 2] - phases[:, 0]], axis=1)
     gram = np.stack([(one * one).sum(1), (one * two).sum(1), (two * two).sum(1)])
     determinant = gram[0] * gram[2] - gram[1] ** 2
     square = gram[2] * rise[:, 0] ** 2 - 2 * gram[1] * rise[:, 0] * rise[:, 1] + gram[0] * rise[:, 1] ** 2
-    return np.sqrt(np.maximum(square, 0.0) / determinant)
+    flat = determinant <= 0
+    return np.where(flat, 0.0, np.sqrt(np.maximum(square, 0.0) / np.where(flat, 1.0, determinant)))

@@ -61,10 +61,14 @@ def read_values(path: Path, names: Sequence[str] = ()) -> ValuesFile:
         if name not in (*_PLACES, "faces", "base_faces", "base_barycentric") and array.ndim and len(array) in lengths
     ]
     chosen = list(names) or fitting
-    if not chosen or (not names and len(chosen) > 1):
+    if not chosen:
+        others = [f"{name} {array.shape}" for name, array in arrays.items() if name not in (*_PLACES, "faces")]
         raise InputError(
-            f"{path}: name the values with --values; those with a row per point: {', '.join(fitting) or 'none'}"
+            f"{path}: no array has a row for each point or face ({', '.join(map(str, sorted(lengths)))}); "
+            f"there is {', '.join(others) or 'nothing else'}"
         )
+    if not names and len(chosen) > 1:
+        raise InputError(f"{path}: name the values with --values; there are {', '.join(fitting)}")
     missing = [name for name in chosen if name not in arrays]
     if missing:
         raise InputError(f"{path}: has no array {missing[0]!r}; it has {', '.join(arrays)}")
@@ -89,10 +93,10 @@ def _from_ply(path: Path, names: Sequence[str]) -> ValuesFile:
         raise InputError(f"{path}: there are no vertices with x, y and z")
     chosen = list(names) or [name for name in columns if name not in _PLAIN]
     missing = [name for name in chosen if name not in columns]
-    if missing or not chosen:
-        raise InputError(
-            f"{path}: has no property {missing[0] if missing else 'with values'!r}; it has {', '.join(columns)}"
-        )
+    if missing:
+        raise InputError(f"{path}: has no property {missing[0]!r}; it has {', '.join(columns)}")
+    if not chosen:
+        raise InputError(f"{path}: has no values; its vertices have {', '.join(columns)} alone")
     points = np.stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"], axis=1)
     values = np.stack([np.asarray(columns[name]) for name in chosen], axis=1)
     return ValuesFile(points, faces if len(faces) else None, values, tuple(chosen))

@@ -116,6 +116,8 @@ def test_parts_without_a_source_are_infinitely_far_and_said_to_be(
         (["geodesics", "IN", "-o", "out.ply"], 2, "--source"),
         (["geodesics", "IN", "--source", "1,2", "-o", "out.ply"], 2, "three numbers with commas"),
         (["geodesics", "IN", "--source", "1,2,inf", "-o", "out.ply"], 2, "three numbers with commas"),
+        (["geodesics", "IN", "--source", "1e300,2,3", "-o", "out.ply"], 2, "three numbers with commas"),
+        (["logmap", "IN", "--source", "1,2,3", "--source", "1,2,4", "-o", "out.ply"], 2, "seen from one"),
         (["geodesics", "IN", "--source", "1,2,x", "-o", "out.ply"], 2, "three numbers with commas"),
         (["geodesics", "IN", "--source", "1,2,3", "--method", "fast", "-o", "out.ply"], 2, "fast"),
         (["geodesics", "IN", "--source", "1,2,3", "-o", "out.obj"], 2, "must end in .ply .npz"),
@@ -143,6 +145,43 @@ def test_what_is_wrong_is_one_message(
     assert message in error
     assert "Traceback" not in error
     assert [path.name for path in sphere.parent.iterdir()] == [sphere.name], "nothing is left behind"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["geodesics", "--source", "0,0,0"],
+        ["geodesics", "--source", "0,0,0", "--method", "exact"],
+        ["spectrum", "-k", "3"],
+        ["heat", "--source", "0,0,0", "--time", "1"],
+        ["directions"],
+        ["stripes", "--period", "1"],
+        ["logmap", "--source", "0,0,0"],
+    ],
+)
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_a_mesh_along_a_line_is_refused(
+    words: list[str], size: float, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    vertices, faces = icosphere(1)
+    write_mesh(tmp_path / "line.ply", vertices * [size, 0, 0], faces)
+    assert main([words[0], str(tmp_path / "line.ply"), *words[1:], "-o", str(tmp_path / "out.npz")]) == 3
+    assert "the mesh has no area" in capfd.readouterr().err
+
+
+def test_flat_triangles_have_no_logarithmic_map(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    vertices, faces = icosphere(2)
+    write_mesh(tmp_path / "flat.ply", vertices * [1, 1, 0], faces)
+    words = ["logmap", str(tmp_path / "flat.ply"), "--source", "0,0,0", "-o", str(tmp_path / "out.npz")]
+    assert main(words) == 3
+    assert "16 triangles have no area" in capfd.readouterr().err
+
+
+def test_stripes_wider_than_the_surface_leave_one(sphere: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    out = sphere.with_suffix(".npz")
+    run(capfd, "stripes", sphere, "--period", "1e9", "-o", out)
+    with np.load(out) as arrays:
+        assert np.isfinite(arrays["stripes"]).all()
 
 
 @pytest.mark.parametrize(("command", "package"), [("geodesics", "scipy"), ("spectrum", "cholespy")])

@@ -32,6 +32,7 @@ def changed(row: int, value: float) -> np.ndarray:
         (of(RAMP[:-1]), "continuous", r"got shape \(41,\), need one row for each of 42 points or 80 faces"),
         (of(RAMP[:-1], None), "continuous", "need one row for each of 42 points$"),
         (of(np.zeros((COUNT, 0))), "continuous", "0 columns"),
+        (of(RAMP * 1e300), "continuous", r"up to 4.1e\+301; at most 1e\+15"),
         (of(["a"] * COUNT), "continuous", "needs numbers"),
         (of(RAMP), "binary", "truth values, or 0 and 1 alone"),
         (of(np.ones((COUNT, 2))), "binary", "column 0 is 1 everywhere; the other class never occurs"),
