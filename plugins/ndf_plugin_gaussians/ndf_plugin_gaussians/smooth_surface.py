@@ -13,9 +13,12 @@ from ndf_plugin_gaussians.poisson import ScreenedPoisson
 from ndf_plugin_gaussians.solid import Ground
 
 _STRENGTHS = (2.0, 4.0, 8.0, 16.0)
-"""Of the screening; the first whose surface is near enough to the centres is taken, or the last."""
+"""Of the screening; the first whose surface is near enough to the centres is taken, or the last that was worth it."""
 _ENOUGH = 1.2
 """Median distance of the centres from the surface, in those from the planes of their neighbours."""
+_WORTH = 0.925
+"""Twice the strength must bring the surface at least so much nearer, as a factor: nothing brings it to splats behind
+others, and it gets rough on the way."""
 _NEIGHBOURS = 25
 _NEAR = 1.5
 """Centres this near to the surface, in cells, decide its level."""
@@ -41,7 +44,7 @@ def smooth_surface(
     """
     scatter = float(np.median(plane_distances(opaque)))
     poisson = ScreenedPoisson(grid, layer)
-    field = np.zeros(grid.shape)
+    field, misfit = np.zeros(grid.shape), np.inf
     for strength in _STRENGTHS:
         chi = poisson.solve(strength)
         slopes = grid.values(np.linalg.norm(np.gradient(chi), axis=0), opaque)
@@ -49,8 +52,11 @@ def smooth_surface(
         slope = float(np.median(slopes))
         near = np.abs(value) <= _NEAR * slope
         level = float(np.median(value[near])) if near.any() else 0.0
-        field = (chi - level) / slope
+        before = misfit
         misfit = float(np.median(np.abs(value - level) / np.maximum(slopes, 1e-300))) * grid.step
+        if misfit > _WORTH * before:
+            break
+        field = (chi - level) / slope
         if misfit <= _ENOUGH * scatter:
             break
     if ground is not None:
