@@ -13,10 +13,12 @@ from ndf_core.fitting.field_values import FieldValues
 from ndf_core.interfaces import ColoredPoints, Surface
 
 _NUMBERS = 20_000
-"""Features of all vertices together: with some five bits each, and the network, a field of about 14 KB."""
+"""Features of all vertices together: with some four bits each, and the network, a field of 12 to 15 KB."""
 _MOST_FEATURES = 16
 _HIDDEN = 48
-_STEPS = 1200
+_STEPS = 2400
+_ROUNDING = 0.15
+"""Splats of one spot differ by more than that; longer training pays for it."""
 
 
 def colors_of(surface: Surface) -> ColoredPoints:
@@ -44,7 +46,7 @@ def learn_colors(asset: Asset, colored: ColoredPoints, seed: int = 0, threads: i
         feature_dim=features,
         feature_scale=0.3,
         feature_learning_rate=0.2,
-        rounding=0.025,
+        rounding=_ROUNDING,
         hidden=_HIDDEN,
         steps=_STEPS,
         seed=seed,
