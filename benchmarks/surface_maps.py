@@ -26,8 +26,8 @@ HERE = Path(__file__).resolve().parent
 DATA = HERE.parents[1] / "shared" / "data" / "mesh"
 RESULTS = HERE / "results" / "surface_maps.json"
 SHAPES = {
-    "rocker-arm": ("torus", 'type = "torus"\nmajor_radius = 1.0\nminor_radius = 0.4\naxis = [1.0, 0.0, 0.0]\n', 800),
-    "spot": ("sphere", 'type = "sphere"\nradius = 1.0\n', 600),
+    "rocker-arm": ("torus", 'type = "torus"\nmajor_radius = 1.0\nminor_radius = 0.4\naxis = [1.0, 0.0, 0.0]\n', 1600),
+    "spot": ("sphere", 'type = "sphere"\nradius = 1.0\n', 1600),
 }
 
 
