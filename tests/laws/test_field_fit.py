@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from small_assets import icosphere, small_content
 
 import ndf_core
@@ -15,8 +16,10 @@ from ndf_core.asset.asset import Asset
 from ndf_core.config.field import FieldConfig
 from ndf_core.errors import AssetError, ConfigError, InputError
 from ndf_core.fitting import field_samples
-from ndf_core.fitting.field_fit import FieldFit, fit_field
-from ndf_core.fitting.field_values import FieldValues
+from ndf_core.fitting.field_fit import FieldFit, fit_field, learn
+from ndf_core.fitting.field_samples import sample_values
+from ndf_core.fitting.field_values import FieldValues, check_values
+from ndf_core.fitting.geometry import BaseGeometry
 
 CENTER, SCALE = (10.0, 20.0, 30.0), 2.0
 FINE, FINE_FACES = icosphere(4)
@@ -72,6 +75,19 @@ def test_several_fields_by_latent_codes(ball: Asset, tmp_path: Path) -> None:
     found = Asset.load(tmp_path / "a.ndf").values("normal", faces, barycentric)
     assert np.array_equal(found, result.asset.values("normal", faces, barycentric))
     assert np.sqrt(((found - true) ** 2).mean()) < 0.1
+
+
+def test_codes_that_are_given_stay(ball: Asset) -> None:
+    """The network learns around them; without codes it learns both."""
+    config = small(latent=2, steps=100)
+    values = check_values(FieldValues(FINE_POINTS, FINE, FINE_FACES), "continuous")
+    samples = sample_values(ball, values, "continuous", 2000, 0, 1)
+    geometry = BaseGeometry(ball.content.vertices, ball.content.faces)
+    codes = torch.tensor([[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]])
+    given = learn(geometry, samples, config, codes).parameters.views
+    assert torch.equal(given["latent"], codes)
+    free = learn(geometry, samples, config).parameters.views
+    assert not torch.equal(given["features"], free["features"])
 
 
 def test_vectors_by_latent_codes_keep_their_order(ball: Asset) -> None:
