@@ -360,7 +360,7 @@ def test_without_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fit(None, device="auto", steps=1).report["device"] == "cpu"
 
 
-@pytest.mark.parametrize(("batch", "workers"), [(200, 1), (3072, 4)])
+@pytest.mark.parametrize(("batch", "workers"), [(200, 1), (3072, 2)])
 def test_threads_of_a_large_machine_wait_for_each_other(
     monkeypatch: pytest.MonkeyPatch, batch: int, workers: int
 ) -> None:
