@@ -181,7 +181,8 @@ def main() -> None:
         found = experiment.run(config, name.startswith("baseline"), codes)
         print(options.mesh.stem, name, json.dumps(found), file=sys.stderr, flush=True)
         results = json.loads(options.results.read_text()) if options.results.exists() else {}
-        results.setdefault(options.mesh.stem, {})[f"{name}, {config.steps} steps"] = found
+        on = "" if name.startswith("baseline") else f" on {len(experiment.asset.content.faces):,} faces"
+        results.setdefault(options.mesh.stem, {})[f"{name}{on}, {config.steps} steps"] = found
         options.results.write_text(json.dumps(results, indent=1) + "\n")
 
 
