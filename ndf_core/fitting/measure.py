@@ -15,9 +15,9 @@ from ndf_core.fitting.projection import BoxProjector
 from ndf_core.interfaces import Surface
 from ndf_core.kernels.bvh import TriangleBVH
 
-_PROBES = 64
+_PROBES = 32
 """Places around a point from which the surface near it is looked for."""
-_MOST_PROBED = 2000
+_MOST_PROBED = 500
 """Points that are looked around; of more, an even share."""
 
 Inverse = Callable[[Float[Array, "n 3"]], Float[Array, "n 3"]]

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from ndf_core.api import RepresentationSpec, Sniff, hookimpl
-from ndf_plugin_sdf.defaults import API_VERSION, TRAINING_DEFAULTS
+from ndf_plugin_sdf.defaults import API_VERSION, VOLUME_TRAINING_DEFAULTS
 from ndf_plugin_sdf.volumes.formats import SUFFIXES, look
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -61,7 +61,7 @@ def ndf_representation() -> RepresentationSpec:
         open="ndf_plugin_sdf.grid_surface:open_grid",
         api_version=API_VERSION,
         support="full",
-        training_defaults=TRAINING_DEFAULTS,
+        training_defaults=VOLUME_TRAINING_DEFAULTS,
         suffixes=SUFFIXES,
         sniff=sniff,
     )

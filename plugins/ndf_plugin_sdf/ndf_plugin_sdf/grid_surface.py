@@ -17,7 +17,7 @@ from ndf_core.surfaces.box import Box
 from ndf_core.surfaces.fingerprint import fingerprint
 from ndf_core.surfaces.level_set_surface import level_set_surface
 from ndf_plugin_sdf.capped_field import CappedField
-from ndf_plugin_sdf.defaults import TRAINING_DEFAULTS
+from ndf_plugin_sdf.defaults import VOLUME_TRAINING_DEFAULTS
 from ndf_plugin_sdf.grid import GridConfig
 from ndf_plugin_sdf.grid_field import GridField
 from ndf_plugin_sdf.volumes.parts import clear_of_zero, without_small_parts
@@ -65,7 +65,7 @@ def open_grid(source: str | Path | object, config: GridConfig) -> Surface:
         resolution=resolution,
         corrections=config.corrections,
         fingerprint=fingerprint("grid", config, content),
-        training_defaults=TRAINING_DEFAULTS,
+        training_defaults=VOLUME_TRAINING_DEFAULTS,
         notes=(*volume.notes, *notes),
         near=near,
         # Between the voxels there is nothing finer to be found.
