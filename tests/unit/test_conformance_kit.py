@@ -99,7 +99,7 @@ TOYS = {
         "        found = torch.where(near[:, None], center + (self._radius + 5e-4 * size) * normals, found)"
     ),
     "points_on_the_surface_stay": (OPENING, SAMPLE, "return center + 1.01 * radius * normals, normals"),
-    "batches_do_not_matter": answer("found += 1e-6 * size * normals.abs().mean()"),
+    "batches_do_not_matter": answer("found += 1e-3 * size * (normals.abs().mean() - 0.5)"),
     "order_does_not_matter": answer("found[1::2] += 1e-6 * size"),
     "projector_follows_rigid_motion": answer(
         "level = offset[:, 2:] / self._radius\n"

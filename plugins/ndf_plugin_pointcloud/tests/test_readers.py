@@ -263,7 +263,7 @@ def test_entry_modules_keep_the_contract(module) -> None:
     assert spec.api_version == 1
     assert spec.config.model_config["frozen"] and spec.config.model_config["extra"] == "forbid"
     assert all(field.description for field in spec.config.model_fields.values())
-    weights = {"soup": 1e4, "oriented-points": 1e4, "points": 1e5}
+    weights = {"soup": 1e4, "oriented-points": 1e4, "points": 1e4}
     assert spec.training_defaults["loss"] == {"cycle": weights[spec.name], "projection": 1e4}
     assert spec.support == ("partial" if spec.name == "points" else "full")
 
