@@ -32,5 +32,5 @@ def shared_data() -> Path:
     """Folder of real files; skips where there is none."""
     folder = Path(__file__).resolve().parent.parent / "shared" / "data"
     if not folder.is_dir():
-        pytest.skip("needs the real files of ../shared/data; they are not part of the repository, and not here")
+        pytest.skip("needs the folder of real files, ../shared/data, beside the checkout; its 100 MB are not in it")
     return folder

@@ -68,7 +68,7 @@ class RepresentationSuite(ABC):
     def test_law(self, subject: Subject, outcomes: dict[str, Outcome], check: Check) -> None:
         found, why = outcome_of(check, subject, outcomes), self.expected_failures.get(check.name)
         if found.status == "skipped":
-            pytest.skip(found.message)
+            pytest.skip(f"this law cannot be asked of {self.name}: {found.message}")
         if why and found.status == "failed":
             pytest.xfail(f"{why} ({found.message})")
         assert found.status == "passed", f"{found.message} [{found.reason}]"

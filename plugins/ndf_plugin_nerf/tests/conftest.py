@@ -19,7 +19,7 @@ def shared_data() -> Path:
     """Trained NeRFs beside the repository. Of our own, since these tests also run alone, next to wheels."""
     folder = Path(__file__).resolve().parents[4] / "shared" / "data"
     if not folder.is_dir():
-        pytest.skip("needs the real files of ../shared/data; they are not part of the repository, and not here")
+        pytest.skip("needs the folder of real files, ../shared/data, beside the checkout; its 100 MB are not in it")
     return folder
 
 
