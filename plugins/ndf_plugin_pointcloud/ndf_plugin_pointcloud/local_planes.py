@@ -1,4 +1,4 @@
-"""The surface between points without normals: discs fitted to the nearest ones."""
+"""Planes and discs through points without normals: sheets that end where their points do, and normals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WIDTH = 0.7
 _REACH = 1.5
 """Half axes of a disc, in standard deviations of its points. Even samples of a disc have 2; with this much the discs
 of a sampled sheet overlap, and that of a curve is hardly wider than the curve."""
-_AWAY = 1e-6
+AWAY = 1e-6
 """Weight of neighbours that face away, so that there are always some."""
 _BLOCK = 65_536
 
@@ -41,47 +41,27 @@ class Discs(NamedTuple):
         squares, axes = np.linalg.eigh(scatter)
         return cls(middles, axes, np.sqrt(np.maximum(squares[:, 1:], 0)))
 
-    def feet(self, queries: Float[Array, "n 3"], bounded: bool) -> Float[Array, "n 3"]:
-        """Closest points of the planes, or of the discs in them."""
+    def feet(self, queries: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+        """Closest points of the discs."""
         places = np.einsum("nc,nca->na", queries - self.middles, self.axes[:, :, 1:])
-        if bounded:
-            places = within_ellipse(places, _REACH * self.spreads)
+        places = within_ellipse(places, _REACH * self.spreads)
         return self.middles + np.einsum("na,nca->nc", places, self.axes[:, :, 1:])
 
 
-class LocalPlanes:
-    """Closest points on moving least squares planes: smoother than the nearest point itself, and between points.
+class LocalDiscs:
+    """Closest points on moving least squares planes that end where their points do: a sheet then has rims, and points
+    along a curve are no ribbon.
 
-    The plane at the nearest point says where to look, the plane through the points around there is the answer.
+    The disc at the nearest point says where to look, the disc through the points around there is the answer.
 
     Reference: Alexa, Behr, Cohen-Or, Fleishman, Levin and Silva, Computing and rendering point set surfaces, 2003.
     """
 
-    def __init__(
-        self,
-        points: Float[Array, "n 3"],
-        neighbours: int,
-        outwards: Float[Array, "n 3"] | None = None,
-        bounded: bool = False,
-        threads: int = 1,
-    ) -> None:
-        """Index the points.
-
-        Args:
-            points: distinct.
-            neighbours: points that a plane is fitted to.
-            outwards: a vector at each point that is on the outer side, where there is one: signs of normals then mean
-                something, and points that face away from the nearest one, beyond a thin part, count for nothing.
-            bounded: planes end where their points do. A sheet then has rims, and points along a curve are no ribbon.
-                Unbounded ones bridge gaps.
-            threads: for the search.
-        """
+    def __init__(self, points: Float[Array, "n 3"], neighbours: int, threads: int = 1) -> None:
+        """Index the points, which are distinct; discs are fitted to so many neighbours."""
         self._tree, self._points = KDTree(points), points
-        self._count, self._bounded = min(neighbours, len(points)), bounded
-        self._outwards = None
-        if outwards is not None:
-            self._outwards = outwards / np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-300)
-        blocks = [self._around(points[i : i + _BLOCK], threads)[0] for i in range(0, len(points), _BLOCK)]
+        self._count = min(neighbours, len(points))
+        blocks = [self._around(points[i : i + _BLOCK], threads) for i in range(0, len(points), _BLOCK)]
         self._at_points = Discs(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
 
     def __call__(self, queries: Float[Array, "n 3"], threads: int) -> Closest:
@@ -90,25 +70,17 @@ class LocalPlanes:
 
     def _block(self, queries: Float[Array, "n 3"], threads: int) -> Closest:
         distance, index = (np.asarray(rows) for rows in self._tree.query(queries, workers=threads))
-        near = Discs(*(rows[index] for rows in self._at_points)).feet(queries, self._bounded)
-        discs, nearest = self._around(near, threads)
-        normals = discs.axes[:, :, 0]
-        if self._outwards is not None:
-            side = np.einsum("nc,nc->n", normals, self._outwards[nearest])
-            normals = np.where(side < 0, -1.0, 1.0)[:, None] * normals
-        return Closest(discs.feet(queries, self._bounded), normals, distance)
+        near = Discs(*(rows[index] for rows in self._at_points)).feet(queries)
+        discs = self._around(near, threads)
+        return Closest(discs.feet(queries), discs.axes[:, :, 0], distance)
 
-    def _around(self, places: Float[Array, "n 3"], threads: int) -> tuple[Discs, Int[Array, " n"]]:
-        """Discs through the points nearest to places, and which one is the nearest."""
+    def _around(self, places: Float[Array, "n 3"], threads: int) -> Discs:
+        """Discs through the points nearest to places."""
         distance, index = self._tree.query(places, k=self._count, workers=threads)
         squared = np.asarray(distance).reshape(len(places), self._count) ** 2
         index = np.asarray(index).reshape(len(places), self._count)
         scale = 2 * _WIDTH**2 * np.maximum(squared.mean(axis=1, keepdims=True), 1e-300)
-        weights = np.exp(-squared / scale)
-        if self._outwards is not None:
-            agreement = np.einsum("nkc,nc->nk", self._outwards[index], self._outwards[index[:, 0]])
-            weights *= np.maximum(agreement, _AWAY)
-        return Discs.through(self._points[index], weights), index[:, 0]
+        return Discs.through(self._points[index], np.exp(-squared / scale))
 
 
 def point_normals(

@@ -33,8 +33,12 @@ class PointsConfig(BaseModel):
     orient: bool = Field(
         False, description="estimate normals and go on as `oriented-points`, which takes more detail from the points"
     )
-    neighbours: int = Field(
-        12, ge=4, le=100, description="points that a plane is fitted to: more for noise, fewer for detail"
+    neighbours: int | None = Field(
+        None,
+        ge=4,
+        le=200,
+        description="points that a piece of the surface is fitted to: more for noise, fewer for detail; none: as "
+        "many as the noise asks for that is found",
     )
 
 

@@ -12,7 +12,9 @@ from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, eroded
 from ndf_core.surfaces.fingerprint import fingerprint
 from ndf_plugin_pointcloud.defaults import POINTS_CYCLE, POINTS_DEFAULTS
 from ndf_plugin_pointcloud.level_set_mesh import sample_by_landing
-from ndf_plugin_pointcloud.local_planes import LocalPlanes
+from ndf_plugin_pointcloud.local_planes import LocalDiscs
+from ndf_plugin_pointcloud.local_quadrics import LocalQuadrics
+from ndf_plugin_pointcloud.neighbours import PLANE_NEIGHBOURS, noise_and_neighbours, quadric_neighbours
 from ndf_plugin_pointcloud.orientation import oriented_normals, outward_vectors
 from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
 from ndf_plugin_pointcloud.oriented_surface import point_array, winding_surface
@@ -57,24 +59,29 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
         notes.append(
             f"the points close around nothing at radii up to {config.radius or widest:.4g}: a sheet, or wide gaps"
         )
+    noise, wanted = noise_and_neighbours(points, threads)
+    if wanted > PLANE_NEIGHBOURS:
+        notes.append(f"the points have noise of about {noise:.2g} along the normals (standard deviation)")
     if config.orient or (closing is None and config.open == "cap"):
         outwards = None if closing is None else outward_vectors(points, offset_surface(points, radius), threads)
-        normals = oriented_normals(points, config.neighbours, outwards, threads)
+        count = config.neighbours or max(PLANE_NEIGHBOURS, round(wanted))
+        normals = oriented_normals(points, count, outwards, threads)
         notes.append("normals estimated; the surface is where their winding number is one half, which caps gaps")
         oriented = PointCloud(points, normals, tuple(notes))
         return winding_surface(oriented, OrientedPointsConfig.model_validate({}), "points", digest)
     offset = offset_surface(points, radius, config.interior)
     solid = closing is not None and config.interior == "fill"
     if solid:
-        notes.append(f"dilated by {radius:.4g} and filled; the surface goes through the points")
+        count = config.neighbours or quadric_neighbours(wanted)
+        search = LocalQuadrics(points, count, outward_vectors(points, offset, threads), threads)
+        notes.append(f"dilated by {radius:.4g} and filled; the surface is fitted to {count} points around each")
     else:
+        search = LocalDiscs(points, config.neighbours or PLANE_NEIGHBOURS, threads)
         notes.append(
             f"the surface is a closed shell at the distance {radius:.4g} around the points"
             + ("" if closing else "; --open cap makes a capped solid of them instead")
         )
-    outwards = outward_vectors(points, offset, threads) if solid else None
-    planes = LocalPlanes(points, config.neighbours, outwards, bounded=not solid, threads=threads)
-    projector = ShellProjector(planes, 0.0 if solid else radius, _LIMIT * radius)
+    projector = ShellProjector(search, 0.0 if solid else radius, _LIMIT * radius)
     cycle = next(weight for bound, weight in POINTS_CYCLE if spacing < bound * cloud.size)
     cycle = cycle if solid else min(cycle, POINTS_DEFAULTS["loss"]["cycle"])
     return Surface(
@@ -84,7 +91,8 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
         fingerprint=digest,
         training_defaults={**POINTS_DEFAULTS, "loss": {**POINTS_DEFAULTS["loss"], "cycle": cycle}},
         sample=lambda count, rng: (
-            (rng.choice(points, count), None)
+            # Each point moved onto the surface: it may be off by its noise.
+            (projector.land(rng.choice(points, count)).points, None)
             if solid
             else sample_by_landing(offset.vertices, offset.faces, projector.land, count, rng)
         ),

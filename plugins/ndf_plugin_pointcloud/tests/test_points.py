@@ -8,7 +8,9 @@ import torch
 import trimesh
 from clouds import closest, cloud, near, off_surface, ring
 from ndf_plugin_pointcloud.ellipse import within_ellipse
-from ndf_plugin_pointcloud.local_planes import LocalPlanes
+from ndf_plugin_pointcloud.local_planes import LocalDiscs
+from ndf_plugin_pointcloud.local_quadrics import LocalQuadrics
+from ndf_plugin_pointcloud.neighbours import noise_and_neighbours, quadric_neighbours
 from ndf_plugin_pointcloud.orientation import oriented_normals
 from ndf_plugin_pointcloud.points import PointsConfig
 from ndf_plugin_pointcloud.points_surface import open_points
@@ -151,7 +153,7 @@ def test_sides_of_a_thin_plate_stay_apart() -> None:
     outwards = np.sign(points) * [0, 0, 1]
     above = np.random.default_rng(0).uniform(-0.8, 0.8, (500, 3)) * [1, 1, 0] + [0, 0, 0.05]
     for queries, side in ((above, 1), (above * [1, 1, -1], -1)):
-        found = LocalPlanes(points, 12, outwards)(queries, 1)
+        found = LocalQuadrics(points, 16, outwards)(queries, 1)
         np.testing.assert_allclose(found.points[:, 2], side * 0.03, atol=1e-5)
         np.testing.assert_allclose(found.normals[:, 2], side, atol=1e-5)
 
@@ -183,11 +185,53 @@ def test_the_map_follows_dense_points_and_keeps_to_its_base_mesh_on_sparse_ones(
     assert surface.training_defaults["loss"] == {"cycle": weight, "projection": 1e4}
 
 
-def test_planes_through_a_plane_are_exact() -> None:
+def test_quadrics_through_a_plane_are_exact() -> None:
     rng = np.random.default_rng(0)
     points = np.concatenate([rng.uniform(-1, 1, (2000, 2)), np.zeros((2000, 1))], axis=1)
     queries = rng.uniform(-0.5, 0.5, (100, 3)) * [1, 1, 0.1]
-    found = LocalPlanes(points, 12)(queries, 1)
+    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    found = LocalQuadrics(points, 16, up)(queries, 1)
     np.testing.assert_allclose(found.points[:, 2], 0, atol=1e-12)
     np.testing.assert_allclose(found.points[:, :2], queries[:, :2], atol=1e-12)
     np.testing.assert_allclose(np.abs(found.normals[:, 2]), 1, atol=1e-12)
+
+
+def test_quadrics_follow_what_is_curved() -> None:
+    """Where a plane through the same points would lie below a sphere by half their reach squared."""
+    points = cloud(trimesh.creation.icosphere(subdivisions=5), 2000)[0]
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    directions = np.random.default_rng(0).normal(size=(2000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    found = LocalQuadrics(points, 16, points)(1.01 * directions, 1)
+    flat = LocalDiscs(points, 16)(1.01 * directions, 1)
+    off, off_flat = (np.abs(np.linalg.norm(x.points, axis=1) - 1).mean() for x in (found, flat))
+    assert off < 0.05 * off_flat
+    np.testing.assert_allclose(np.einsum("nc,nc->n", found.normals, directions), 1, atol=2e-3)
+
+
+def test_the_noise_is_found_and_sets_the_neighbours(shape: trimesh.Trimesh) -> None:
+    points = cloud(shape, 20_000)[0]
+    size = float(np.ptp(points, axis=0).max())
+    counts: list[int] = []
+    for noise in (0.0, 0.002, 0.005):
+        noisy = points + np.random.default_rng(1).normal(size=points.shape) * noise * size
+        found, wanted = noise_and_neighbours(noisy)
+        assert abs(found / size - noise) < 5e-4
+        counts.append(quadric_neighbours(wanted))
+    assert counts[0] == 16
+    assert 24 <= counts[1] < counts[2] <= 150
+
+
+def test_noise_averages_out(shape: trimesh.Trimesh) -> None:
+    points = cloud(shape, 20_000)[0]
+    size = float(np.ptp(points, axis=0).max())
+    points += np.random.default_rng(1).normal(size=points.shape) * 0.005 * size
+    queries = torch.from_numpy(near(shape, 1500, 0.01))
+    errors = [
+        off_surface(
+            shape, open_points(points, PointsConfig(neighbours=count)).projector.project(queries).points.numpy()
+        )
+        for count in (None, 16)
+    ]
+    assert errors[0].mean() < 2e-3 * size
+    assert errors[0].mean() < 0.6 * errors[1].mean()
