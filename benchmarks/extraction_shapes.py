@@ -130,7 +130,7 @@ def _from_mesh(vertices: Array, faces: Array) -> dict[str, Any]:
     limit = values[0] if len(values) == 1 else _extrapolated(*values[-2:], *solved[-2:])
     sources = solved[0].closest(SOURCES).positions
     return {
-        **_solved(solved[0], sources, exact_geodesics(solved[0], sources), limit, solved[0].area),
+        **_solved(solved[0], sources, exact_geodesics(solved[0], sources).distances, limit, solved[0].area),
         "fact_faces_geodesics": len(faces),
         "fact_faces_spectrum": len(solved[-1].faces),
         "fact_extrapolation_of_eigenvalues": spectrum_error(values[-1], limit),
@@ -153,8 +153,8 @@ def _from_field(shape: Shape) -> dict[str, Any]:
     values = [laplace_spectrum(operators, EIGENVALUES).eigenvalues for operators in (middle, fine)]
     limit = _extrapolated(*values, middle, fine)
     sources = middle.closest(SOURCES).positions
-    finer = middle.interpolate(exact_geodesics(middle, sources), middle.closest(coarse.vertices))
-    distances = _extrapolated(exact_geodesics(coarse, sources), finer, coarse, middle)
+    finer = exact_geodesics(middle, sources).at(middle.closest(coarse.vertices))
+    distances = _extrapolated(exact_geodesics(coarse, sources).distances, finer, coarse, middle)
     area = float(_extrapolated(np.array(middle.area), np.array(fine.area), middle, fine))
     return {
         **_solved(coarse, sources, distances, limit, area),

@@ -105,6 +105,21 @@ def face_normals(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Flo
     return np.cross(b - a, c - a)
 
 
+def corner_angles(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Float[Array, "f 3"]:
+    """Angle of each face at each of its corners, in radians."""
+    corners = vertices[faces]
+    forward = np.roll(corners, -1, axis=1) - corners
+    backward = np.roll(corners, 1, axis=1) - corners
+    sine = np.linalg.norm(np.cross(forward, backward), axis=2)
+    return np.arctan2(sine, np.einsum("fck,fck->fc", forward, backward))
+
+
+def unit(vectors: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+    """Vectors over their lengths; zero where they are."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
 def signed_volume(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> float:
     """Enclosed volume; negative when a closed mesh is inside out. Taken about the centroid, for precision."""
     centred = vertices - vertices.mean(axis=0)

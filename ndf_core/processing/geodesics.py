@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -11,7 +12,8 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ndf_core.errors import InputError
-from ndf_core.processing.exact_geodesics import exact_distances
+from ndf_core.processing.distance_interpolation import distances_at_middles, interpolate_distances
+from ndf_core.processing.exact_geodesics import exact_distances, straight_to
 from ndf_core.processing.heat_method import heat_distances
 from ndf_core.processing.operators import Operators
 from ndf_core.processing.surface_points import SurfacePoints
@@ -31,6 +33,8 @@ class Geodesics:
     """Components without a source."""
     approximated: int
     """Distances that the exact method missed and that are bounds from above, too long by less than an edge."""
+    operators: Operators = field(repr=False)
+    """Of the mesh."""
 
     @property
     def shown(self) -> Float[Array, " v"]:
@@ -45,6 +49,20 @@ class Geodesics:
     @property
     def unreached_vertices(self) -> int:
         return int(np.isnan(self.shown).sum())
+
+    def at(self, points: SurfacePoints) -> Float[Array, " n"]:
+        """Distances of points of the mesh (`Operators.closest`), to second order between vertices.
+
+        Fronts are curved: on coarse meshes the mean error is a tenth to a third less than by linear interpolation.
+        """
+        corners = self.distances[self.operators.faces[points.faces]]
+        found = interpolate_distances(corners, self.middles[points.faces], points.barycentric)
+        return np.minimum(found, straight_to(self.operators, self.sources, points))
+
+    @cached_property
+    def middles(self) -> Float[Array, "f 3"]:
+        """Distances of the middles of the mesh's edges, edge i of a face from corner i to corner i + 1."""
+        return distances_at_middles(self.operators, self.distances)
 
 
 def geodesic_distances(
@@ -70,4 +88,4 @@ def geodesic_distances(
     else:
         distances = heat_distances(operators, sources)
     unreached = np.unique(operators.components[~np.isfinite(distances)])
-    return Geodesics(distances, sources, len(unreached), missed)
+    return Geodesics(distances, sources, len(unreached), missed, operators)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ndf_core.mesh import face_normals
+from ndf_core.mesh import corner_angles, face_normals
 
 CLAY = (0.835, 0.805, 0.765)
 """Default surface colour, sRGB."""
@@ -34,7 +34,7 @@ def corner_normals(
     flat = np.divide(flat, length, out=np.zeros_like(flat), where=length > 0)
     if crease <= 0:
         return np.repeat(flat[:, None], 3, axis=1)
-    weighted = (flat[:, None] * _corner_angles(vertices, faces)[..., None]).reshape(-1, 3)
+    weighted = (flat[:, None] * corner_angles(vertices, faces)[..., None]).reshape(-1, 3)
     one, two = _corner_pairs(faces, len(vertices))
     near = np.einsum("ij,ij->i", flat[one // 3], flat[two // 3]) > np.cos(np.radians(crease))
     near |= ~length[one // 3, 0].astype(bool)
@@ -72,14 +72,6 @@ def to_srgb(linear: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
     """sRGB values in [0, 1] of linear light; brighter light is clipped."""
     linear = np.clip(linear, 0, 1)
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
-
-
-def _corner_angles(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Float[Array, "f 3"]:
-    corners = vertices[faces]
-    forward = np.roll(corners, -1, axis=1) - corners
-    backward = np.roll(corners, 1, axis=1) - corners
-    sine = np.linalg.norm(np.cross(forward, backward), axis=2)
-    return np.arctan2(sine, np.einsum("fck,fck->fc", forward, backward))
 
 
 def _corner_pairs(faces: Int[Array, "f 3"], vertex_count: int) -> tuple[Int[Array, " p"], Int[Array, " p"]]:
