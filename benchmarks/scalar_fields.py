@@ -41,7 +41,7 @@ from ndf_core.processing.spectrum import laplace_spectrum
 
 FUNCTIONS = 10
 TRAINING, TEST = 2**18, 100_000
-PAPER = {
+PAPER: dict[str, Any] = {
     "hidden": 32,
     "latent": 8,
     "batch": 3276,
@@ -162,12 +162,14 @@ def main() -> None:
     parser.add_argument("--no-baseline", action="store_true")
     parser.add_argument("--best", type=json.loads, metavar="JSON", help="also a run of our recipe with these options")
     parser.add_argument("--code", choices=("number", "learned"), default="number", help="how a function is told")
+    parser.add_argument("--averaged", type=float, default=0.0, help="last share of the steps whose mean is kept")
+    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="to train on")
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args()
     torch.set_num_threads(1)
     experiment = Experiment(options.asset, options.mesh, options.device)
-    paper, told = dict(PAPER), ""
+    paper, told = {**PAPER, "averaged": options.averaged, "seed": options.seed}, ""
     if options.code == "number":
         paper["latent"], told = numbered_codes(FieldConfig()).shape[1], " of k"
     runs: dict[str, FieldConfig] = {}
@@ -182,7 +184,9 @@ def main() -> None:
         print(options.mesh.stem, name, json.dumps(found), file=sys.stderr, flush=True)
         results = json.loads(options.results.read_text()) if options.results.exists() else {}
         on = "" if name.startswith("baseline") else f" on {len(experiment.asset.content.faces):,} faces"
-        results.setdefault(options.mesh.stem, {})[f"{name}{on}, {config.steps} steps"] = found
+        kept = f", mean of the last {config.averaged:.0%}" if config.averaged else ""
+        again = f", seed {config.seed}" if config.seed else ""
+        results.setdefault(options.mesh.stem, {})[f"{name}{on}, {config.steps} steps{kept}{again}"] = found
         options.results.write_text(json.dumps(results, indent=1) + "\n")
 
 

@@ -53,3 +53,10 @@ class FieldConfig(BaseModel):
     adam_beta2: float = Field(default=0.99, ge=0, lt=1, description="decay of Adam's squared gradients")
     schedule: Literal["cosine", "constant"] = Field(default="cosine", description="learning rate over the run")
     warmup_steps: int = Field(default=20, ge=0, le=100_000, description="steps in which the rate rises from zero")
+    averaged: float = Field(
+        default=0.0,
+        ge=0,
+        lt=1,
+        description="share of the steps, at the end, whose parameters' mean is kept; 0 keeps the last ones. With a "
+        "constant rate the last ones hold its noise",
+    )

@@ -187,6 +187,7 @@ def learn(
     (tiles,) = row_slices(count, 1, max(1, tile))
     gradient = Parameters.zeros(shape, device)
     steps = {n: FieldStep(shape, n, device, gradient) for n in {part.stop - part.start for part in tiles}}
+    first_kept, mean = config.steps - max(1, round(config.averaged * config.steps)), torch.zeros_like(parameters.flat)
     for number in range(config.steps):
         base, targets = samples.batch(geometry, count, generator_at(config.seed, number))
         gradient.flat.zero_()
@@ -204,6 +205,9 @@ def learn(
         if codes is not None:
             gradient.views["latent"].zero_()
         optimizer.step(gradient, rate_factor(config, number))
+        if number >= first_kept:
+            mean.lerp_(parameters.flat, 1 / (number - first_kept + 1))
+    parameters.flat.copy_(mean)
     return Learned(parameters, shift.to(device), scale.to(device))
 
 

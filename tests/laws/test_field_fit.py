@@ -90,6 +90,22 @@ def test_codes_that_are_given_stay(ball: Asset) -> None:
     assert not torch.equal(given["features"], free["features"])
 
 
+def test_the_mean_of_the_last_steps_is_kept(ball: Asset) -> None:
+    """With a constant rate a run is the beginning of every longer one."""
+    samples = sample_values(
+        ball, check_values(FieldValues(FINE_POINTS, FINE, FINE_FACES), "continuous"), "continuous", 2000, 1, 1
+    )
+    geometry = BaseGeometry(ball.content.vertices, ball.content.faces)
+
+    def parameters(steps: int, averaged: float = 0.0) -> torch.Tensor:
+        config = small(steps=steps, schedule="constant", averaged=averaged)
+        return learn(geometry, samples, config).parameters.flat
+
+    last = torch.stack([parameters(steps) for steps in (7, 8, 9, 10)])
+    assert (last[0] - last[3]).abs().max() > 1e-3
+    torch.testing.assert_close(parameters(10, averaged=0.4), last.mean(0), rtol=0, atol=1e-6)
+
+
 def test_vectors_by_latent_codes_keep_their_order(ball: Asset) -> None:
     """Field 0 is constant but for noise, so columns in the wrong order would be far off."""
     values = np.stack(
