@@ -45,6 +45,10 @@ from ndf_core.mesh import topology
 
 CONFORMALITY = 1e-3
 """Weight of the conformality loss (App. D.3) beside lambda_P where a base mesh is fitted to another shape."""
+ANCHOR = 0.1
+"""Weight of each anchor beside lambda_P (App. D.1), where the map starts from the identity ..."""
+HELD_ANCHOR = 0.005
+"""... and where it starts with its anchors met and has to keep them: each counts as 15 of 3,072 samples do."""
 _NOT_IDENTITY = ("checkpoint_seconds", "device", "threads")
 """Options that do not say what is fitted: they stay out of the asset."""
 
@@ -342,7 +346,9 @@ def _anchor_pairs(config: FitConfig) -> Float[Array, "m 6"] | None:
 def _weights(config: FitConfig) -> LossWeights:
     """The weights of the losses, with what is left to us filled in."""
     given = config.loss
-    anchor = 0.1 * given.projection if given.anchor is None and config.anchors else given.anchor
+    anchor = given.anchor
+    if anchor is None and config.anchors:
+        anchor = (ANCHOR if config.base_from is None else HELD_ANCHOR) * given.projection
     conformality = given.conformality
     if conformality is None and config.base_from is not None:
         conformality = CONFORMALITY * given.projection

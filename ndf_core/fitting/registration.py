@@ -4,8 +4,9 @@ The mesh flows in small steps. Each step solves for a smooth displacement (graph
 to soft) that takes anchors part of their way and vertices towards the target, in both directions: the closest target
 point of each vertex, and for points spread over the target the closest point of the mesh, so that limbs are entered.
 Pairs whose normals disagree count for nothing. Between steps vertices move along the surface to the middle of their
-neighbours, which keeps triangles from piling up in creases. What is folded in the end is smoothed in growing patches:
-inside a patch that is nearly flat, vertices in the middle of their neighbours fold nowhere (Tutte).
+neighbours, which keeps triangles from piling up in creases; neighbours across large triangles count for more, so that
+vertices follow into limbs, which a few triangles would otherwise have to cover. What is folded in the end is smoothed
+in growing patches: inside a patch that is nearly flat, vertices amid their neighbours fold nowhere (Tutte).
 
 Reference: non-rigid registration with decreasing stiffness, Amberg, Romdhani and Vetter 2007; for App. D.1.
 """
@@ -30,12 +31,15 @@ _ATTRACTION = 0.3
 _ANCHOR = 30.0
 _SPREAD = 3000
 """Target points of each step."""
+_ON_A_LINE = 1e-3
+_SPREADING = 4.0
+"""Anchors that are put right take along what is within some two (its root) edges of them."""
 _RELAXED = 0.5
 """Half-way to the middle of the neighbours, three times a step."""
+_LEAST_AREA = 1e-3
+"""Triangles without area count as this share of the mean one, so that every vertex has a middle to go to."""
 _ROUNDS = 12
 """Times that folded patches are smoothed, each time larger ones."""
-_STEEP = 0.2
-"""Triangles whose normal has less than this cosine with the target's are smoothed."""
 
 
 class Target:
@@ -55,10 +59,10 @@ class Target:
         weights = rng.dirichlet((1.0, 1.0, 1.0), count)
         return np.einsum("nc,ncx->nx", weights, self.vertices[self.faces[chosen]]), self.normals[chosen]
 
-    def folded(self, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], cosine: float) -> Bool[Array, " f"]:
-        """Triangles of a mesh near the target whose normals have less than this cosine with the target's."""
+    def folded(self, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Bool[Array, " f"]:
+        """Triangles of a mesh near the target that face against it."""
         closest = self.tree.closest(vertices[faces].mean(axis=1))[1]
-        return (_unit(face_normals(vertices, faces)) * self.normals[closest]).sum(axis=1) < cosine
+        return (face_normals(vertices, faces) * self.normals[closest]).sum(axis=1) < 0
 
 
 def register(
@@ -71,7 +75,7 @@ def register(
     """Positions of the mesh's vertices on the target, a map that anchors fix and that folds as little as it can.
 
     Args:
-        vertices, faces: the mesh, roughly of the target's size and place.
+        vertices, faces: the mesh, roughly of the target's size, both with their middle at the origin.
         target: of the same topology.
         anchors: faces of the mesh, weights there, and where these points go. They are met exactly.
         seed: of the points on the target.
@@ -87,19 +91,18 @@ class _Registration:
         target: Target,
         anchors: tuple[Int[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]],
     ) -> None:
-        self._now, self._faces, self._target = vertices.copy(), faces, target
+        self._now, self._faces, self._target = vertices, faces, target
         count = len(vertices)
-        ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
-        adjacent = sp.coo_matrix((np.ones(ends.shape[1]), ends), shape=(count, count)).tocsr()
-        self._adjacent = ((adjacent + adjacent.T) > 0).astype(float)
+        self._adjacent = self._by_edges(np.full(len(faces), 0.5))
         degrees = np.asarray(self._adjacent.sum(axis=1)).ravel()
-        self._middle = sp.diags(1 / degrees) @ self._adjacent
         laplacian = sp.diags(degrees) - self._adjacent
         self._smoothness = _MEMBRANE * laplacian + laplacian @ laplacian
         self._anchored = self._at(anchors[0], anchors[1])
         self._goals = anchors[2]
-        # The least change of the vertices that puts the anchors right; pairs may contradict each other.
-        self._correction = self._anchored.T @ np.linalg.pinv((self._anchored @ self._anchored.T).toarray())
+        self._now = vertices @ _turn(self._anchored @ vertices, self._goals)
+        # The smoothest small change that puts the anchors right; pairs may contradict each other.
+        spread = splu(sp.csc_matrix(sp.identity(count) + _SPREADING * laplacian)).solve(self._anchored.T.toarray())
+        self._correction = spread @ np.linalg.pinv(self._anchored @ spread)
 
     def run(self, rng: np.random.Generator) -> Float[Array, "v 3"]:
         for step in range(_STEPS):
@@ -139,7 +142,7 @@ class _Registration:
             normals = self._target.normals[self._target.tree.closest(self._now)[1]]
         else:
             normals = self._vertex_normals(face_normals(self._now, self._faces))
-        shift = self._middle @ self._now - self._now
+        shift = self._middle() @ self._now - self._now
         self._now = self._now + _RELAXED * (shift - (shift * normals).sum(axis=1, keepdims=True) * normals)
 
     def _meet_anchors(self) -> None:
@@ -149,8 +152,8 @@ class _Registration:
         """Smooth folded patches; the best of all rounds is kept."""
         least, best = np.inf, self._now
         for round_ in range(_ROUNDS + 1):
-            folded = self._target.folded(self._now, self._faces, _STEEP)
-            share = self._area_of(self._target.folded(self._now, self._faces, 0.0))
+            folded = self._target.folded(self._now, self._faces)
+            share = self._area_of(folded)
             if share < least:
                 least, best = share, self._now
             if not folded.any() or round_ == _ROUNDS:
@@ -159,9 +162,9 @@ class _Registration:
             patch[self._faces[folded]] = 1.0
             for _ in range(2 + round_):
                 patch = ((self._adjacent @ patch + patch) > 0).astype(float)
-            moving = patch[:, None]
+            moving, middle = patch[:, None], self._middle()
             for _ in range(10 + 5 * round_):
-                self._now = self._now + 0.7 * moving * (self._middle @ self._now - self._now)
+                self._now = self._now + 0.7 * moving * (middle @ self._now - self._now)
                 self._now = self._now + moving * (self._target.tree.closest(self._now)[0] - self._now)
                 self._meet_anchors()
         self._now = best
@@ -174,11 +177,34 @@ class _Registration:
         np.add.at(total, self._faces.ravel(), np.repeat(normals, 3, axis=0))
         return _unit(total)
 
+    def _middle(self) -> sp.csr_matrix:
+        """The matrix that takes vertices to the middle of their neighbours, weighed by the triangles between."""
+        areas = np.linalg.norm(face_normals(self._now, self._faces), axis=1)
+        drawn = self._by_edges(areas + _LEAST_AREA * areas.mean())
+        return sp.diags(1 / np.asarray(drawn.sum(axis=1)).ravel()) @ drawn
+
+    def _by_edges(self, values: Float[Array, " f"]) -> sp.csr_matrix:
+        """The symmetric matrix that has for each edge the sum of its triangles' values."""
+        ends = (self._faces.ravel(), self._faces[:, [1, 2, 0]].ravel())
+        one_way = sp.coo_matrix((np.repeat(values, 3), ends), shape=(len(self._now),) * 2).tocsr()
+        return one_way + one_way.T
+
     def _at(self, faces: Int[Array, " n"], weights: Float[Array, "n 3"]) -> sp.csr_matrix:
         """The matrix that takes values at vertices to points of faces."""
         rows = np.repeat(np.arange(len(faces)), 3)
         columns = self._faces[faces].ravel()
         return sp.csr_matrix((weights.ravel(), (rows, columns)), shape=(len(faces), len(self._now)))
+
+
+def _turn(points: Float[Array, "m 3"], goals: Float[Array, "m 3"]) -> Float[Array, "3 3"]:
+    """The rotation about the origin (rows times it) that takes points closest to goals; none if all are on a line.
+
+    Reference: Kabsch 1976.
+    """
+    left, sizes, right = np.linalg.svd(points.T @ goals)
+    if sizes[1] < _ON_A_LINE * sizes[0]:
+        return np.eye(3)
+    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
 
 
 def _unit(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
