@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from ndf_core.surfaces.dot_products import dot, squared_length
 from ndf_core.surfaces.implicit_field import ImplicitField
 from ndf_core.surfaces.newton import Rows, step
 
@@ -84,7 +85,7 @@ class _Walk:
         """Record rows that landed; which of them are to start anew, and how far from where they are."""
         mine = index[landed]
         query, points, gradients = self._query[mine], rows.points[landed], rows.gradients[landed]
-        distance = (query - points).square().sum(dim=1).sqrt()
+        distance = squared_length(query - points).sqrt()
         nearer = distance < self._distance[mine]
         kept = mine[nearer]
         for whole, part in zip(self._best, (points, gradients, rows.errors[landed]), strict=True):
@@ -93,9 +94,9 @@ class _Walk:
         self._damping[mine[~nearer]] *= 0.5
         self._landings[mine] += 1
         normal, place = self._best.gradients[mine], self._best.points[mine]
-        along = ((query - place) * normal).sum(dim=1, keepdim=True) / normal.square().sum(dim=1, keepdim=True)
+        along = (dot(query - place, normal) / squared_length(normal))[:, None]
         offset = (query - place - along * normal) * self._damping[mine, None]
-        worth = offset.square().sum(dim=1).sqrt() > WORTH_CORRECTING * self._size
+        worth = squared_length(offset).sqrt() > WORTH_CORRECTING * self._size
         # Twice in vain: at an edge, where the offset stays.
         worth &= (self._damping[mine] > 0.3) & (self._landings[mine] <= self._corrections)
         jump = landed.clone()

@@ -28,6 +28,8 @@ class ImplicitField(ABC):
     """Most points per evaluation."""
     has_plateaus: bool = False
     """Whether there are places far from the surface where the gradient says little about it, as in occupancies."""
+    parallel: bool = False
+    """Whether many points are evaluated faster in parts, each on a thread of its own (`Projector.parallel`)."""
     rounding: float = 1e-10
     """|phi| / |grad phi| that rounding leaves at the surface, as a share of the size; no step gets below it."""
 
@@ -58,6 +60,11 @@ class ImplicitField(ABC):
         if not blocks:
             return points.new_empty(0), points.new_empty(0, 3)
         return torch.cat([values for values, _ in blocks]), torch.cat([gradients for _, gradients in blocks])
+
+    def clearance(self, points: Float[Tensor, "n 3"], values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        """Distances within which there is no surface, from phi at these points; a field may know better ones."""
+        del points
+        return values.abs() / self.lipschitz
 
     def on_arrays(self) -> Callable[[Float[Array, "n 3"]], Float[Array, " n"]]:
         """phi as a function of numpy arrays, for the base mesh."""

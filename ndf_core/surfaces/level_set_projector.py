@@ -8,6 +8,7 @@ from torch import Tensor
 
 from ndf_core.errors import InputError
 from ndf_core.interfaces import Projection, Projector
+from ndf_core.surfaces.dot_products import squared_length
 from ndf_core.surfaces.foot_points import FootPoints, foot_points
 from ndf_core.surfaces.implicit_field import ImplicitField
 from ndf_core.surfaces.newton import TOLERANCE
@@ -33,6 +34,7 @@ class LevelSetProjector(Projector):
             corrections: most steps along the surface towards the closest point.
         """
         self._field = field
+        self.parallel = field.parallel
         self._corrections = corrections
         self._size = field.bounds.longest_side
 
@@ -46,14 +48,14 @@ class LevelSetProjector(Projector):
         inside = ((feet.points >= lower) & (feet.points <= upper)).all(dim=1)
         converged = inside & (feet.errors <= TOLERANCE * self._size)
         sound = feet.points.isfinite().all(dim=1, keepdim=True)
-        normals = torch.nan_to_num(feet.gradients / feet.gradients.square().sum(dim=1, keepdim=True).sqrt())
+        normals = torch.nan_to_num(feet.gradients / squared_length(feet.gradients).sqrt()[:, None])
         found = torch.where(sound, feet.points, query)
         return Projection(found.to(points.dtype), converged, normals.to(points.dtype))
 
     def _feet(self, query: Float[Tensor, "n 3"]) -> FootPoints:
         """Newton's landings; rows that it lost, or led away over a plateau, set out again from a change of sign."""
         feet = foot_points(self._field, query, self._size, self._corrections, MOST_STEPS)
-        moved = (feet.points - query).square().sum(dim=1).sqrt()
+        moved = squared_length(feet.points - query).sqrt()
         landed = feet.errors <= TOLERANCE * self._size
         doubtful = (~landed | (moved > _FAR * self._size)).nonzero()[:, 0]
         if not len(doubtful) or not self._field.has_plateaus:
@@ -61,7 +63,7 @@ class LevelSetProjector(Projector):
         start, found = nearest_sign_change(self._field, query[doubtful], self._size)
         rows = doubtful[found]
         again = foot_points(self._field, query[rows], self._size, self._corrections, MOST_STEPS, start[found])
-        distance = (again.points - query[rows]).square().sum(dim=1).sqrt()
+        distance = squared_length(again.points - query[rows]).sqrt()
         better = (again.errors <= TOLERANCE * self._size) & (~landed[rows] | (distance < moved[rows]))
         for whole, part in zip(feet, again, strict=True):
             whole[rows[better]] = part[better]

@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from ndf_core.surfaces.dot_products import dot, squared_length
 from ndf_core.surfaces.implicit_field import ImplicitField
 
 TOLERANCE = 1e-6
@@ -66,7 +67,7 @@ class Rows:
     @property
     def errors(self) -> Float[Tensor, " m"]:
         """First-order distance to the zero set, |phi| / |grad phi|; infinite where there is no gradient."""
-        errors = self.values.abs() / self.gradients.square().sum(dim=1).sqrt()
+        errors = self.values.abs() / squared_length(self.gradients).sqrt()
         return torch.where(errors.isfinite(), errors, torch.inf)
 
     def landed(self, size: float, rounding: float) -> Bool[Tensor, " m"]:
@@ -94,15 +95,15 @@ def step(
         jump: rows that start anew elsewhere.
         offset: how far from where they are.
     """
-    kicked = rows.gradients.square().sum(dim=1) < (_FLAT * field.lipschitz) ** 2
+    kicked = squared_length(rows.gradients) < (_FLAT * field.lipschitz) ** 2
     kicked |= rows.damping <= _SMALLEST_DAMPING
     kicked &= ~jump
     fresh = kicked | jump
     damping = torch.where(rows.at_kink, 1.0, rows.damping)
     move = torch.where(rows.at_kink[:, None], _to_both_planes(rows), _newton(rows))
-    length = move.square().sum(dim=1).sqrt()
+    length = squared_length(move).sqrt()
     # Where the field is much flatter than it is elsewhere, Newton's step leads far beyond the surface.
-    flat = rows.gradients.square().sum(dim=1) < (_UNEVEN * field.lipschitz) ** 2
+    flat = squared_length(rows.gradients) < (_UNEVEN * field.lipschitz) ** 2
     longest = torch.where(flat, _SHORT * size, _LONG * size)
     move = move * (damping * (longest / length).clamp_max(1.0))[:, None]
     move = torch.where(kicked[:, None], move.new_tensor(_KICK) * size, move)
@@ -126,14 +127,14 @@ def step(
         gradients=torch.where(accepted[:, None], gradients, rows.gradients),
         damping=torch.where(fresh, 1.0, grown),
         other=other,
-        other_offset=plane - (other * place).sum(dim=1),
+        other_offset=plane - dot(other, place),
         at_kink=hindered & ~(rows.at_kink & ~accepted) & ~fresh,
         kicks=rows.kicks + kicked,
     )
 
 
 def _newton(rows: Rows) -> Float[Tensor, "m 3"]:
-    squared = rows.gradients.square().sum(dim=1)
+    squared = squared_length(rows.gradients)
     return rows.gradients * (-rows.values / squared.clamp_min(1e-300))[:, None]
 
 
@@ -141,8 +142,8 @@ def _to_both_planes(rows: Rows) -> Float[Tensor, "m 3"]:
     """Shortest move into both tangent planes: combine the two gradients so that both linear parts vanish."""
     here, there = rows.gradients, rows.other
     residual_here = rows.values
-    residual_there = (there * rows.points).sum(dim=1) + rows.other_offset
-    a, b, c = ((u * v).sum(dim=1) for u, v in ((here, here), (here, there), (there, there)))
+    residual_there = dot(there, rows.points) + rows.other_offset
+    a, b, c = (dot(u, v) for u, v in ((here, here), (here, there), (there, there)))
     determinant = (a * c - b * b).clamp_min(1e-300)
     weight_here = (b * residual_there - c * residual_here) / determinant
     weight_there = (b * residual_here - a * residual_there) / determinant
@@ -150,4 +151,4 @@ def _to_both_planes(rows: Rows) -> Float[Tensor, "m 3"]:
 
 
 def _cosine(one: Float[Tensor, "m 3"], two: Float[Tensor, "m 3"]) -> Float[Tensor, " m"]:
-    return (one * two).sum(dim=1) / (one.square().sum(dim=1) * two.square().sum(dim=1)).clamp_min(1e-300).sqrt()
+    return dot(one, two) / (squared_length(one) * squared_length(two)).clamp_min(1e-300).sqrt()

@@ -90,20 +90,22 @@ def _lines_through(field: ImplicitField, count: int, rng: np.random.Generator) -
 
 
 def _crossings(field: ImplicitField, lines: _Segments) -> _Segments:
-    """Segments whose ends have different signs: walk along each line by what |phi| / L allows, at least a little."""
+    """Segments whose ends have different signs: walk along each line by what is free, at least a little."""
     shortest = field.bounds.longest_side * (_PLATEAU_STEP if field.has_plateaus else _SHORTEST_STEP)
     position = lines.start
-    value = field.values(lines.at(position))
+    place = lines.at(position)
+    value = field.values(place)
     found: list[_Segments] = []
     while len(position):
-        following = torch.minimum(position + (value.abs() / field.lipschitz).clamp_min(shortest), lines.end)
-        ahead = field.values(lines.at(following))
+        following = torch.minimum(position + field.clearance(place, value).clamp_min(shortest), lines.end)
+        place = lines.at(following)
+        ahead = field.values(place)
         crossed = (value < 0) != (ahead < 0)
         if bool(crossed.any()):
             rows = lines.select(crossed)
             found.append(_Segments(rows.origin, rows.direction, position[crossed], following[crossed]))
         going = following < lines.end
-        lines, position, value = lines.select(going), following[going], ahead[going]
+        lines, position, place, value = lines.select(going), following[going], place[going], ahead[going]
     if not found:
         return lines.select(torch.zeros(0, dtype=torch.long))
     return _Segments(*(torch.cat(parts) for parts in zip(*found, strict=True)))

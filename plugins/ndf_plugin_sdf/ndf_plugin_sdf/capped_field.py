@@ -53,6 +53,11 @@ class CappedField(ImplicitField):
         flat = self._slope * points.new_tensor(self._normals)[plane]
         return torch.where(beyond, cap, values), torch.where(beyond[:, None], flat, gradients)
 
+    def clearance(self, points: Float[Tensor, "n 3"], values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        known = self.field.clearance(points, torch.zeros_like(values))
+        to_planes = self._cap(points)[0].abs() / self._slope
+        return torch.maximum(super().clearance(points, values), torch.minimum(known, to_planes))
+
     def _cap(self, points: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, " n"], Int[Tensor, " n"]]:
         """Slope times distance beyond the nearest plane, and which that is."""
         beyond = points @ points.new_tensor(self._normals).T - points.new_tensor(self._offsets)

@@ -15,5 +15,5 @@ COSTLY_TRAINING_DEFAULTS: Mapping[str, Any] = {**TRAINING_DEFAULTS, "projection_
 """A projection onto a CSG tree or a network costs some ten times a training step per point, and a good part of
 that per call."""
 
-VOLUME_TRAINING_DEFAULTS: Mapping[str, Any] = {**TRAINING_DEFAULTS, "projection_visits": 2}
-"""As dear; but thin vessels bend within a few visits."""
+VOLUME_TRAINING_DEFAULTS: Mapping[str, Any] = {**TRAINING_DEFAULTS, "projection_visits": 2, "steps": 1800}
+"""As dear; but thin vessels bend within a few visits, and take longer to learn."""

@@ -14,13 +14,15 @@ import numpy as np
 import pytest
 import torch
 from ndf_plugin_sdf.grid import GridConfig, sniff
-from ndf_plugin_sdf.grid_surface import open_grid
+from ndf_plugin_sdf.grid_surface import _field, open_grid  # pyright: ignore[reportPrivateUsage]
 from ndf_plugin_sdf.volumes.parts import clear_of_zero, without_small_parts
-from ndf_plugin_sdf.volumes.read import read_volume
+from ndf_plugin_sdf.volumes.read import framed, read_volume
+from scipy.spatial import KDTree
 
 import ndf_core
 from ndf_core.base_mesh.checks import check_base_mesh
 from ndf_core.errors import InputError
+from ndf_core.surfaces.random_lines import sample_level_set
 
 SHAPE = (24, 20, 22)
 AFFINE = np.array([[0.0, 0.4, 0, 3], [0.5, 0, 0, -2], [0, 0.1, 0.6, 1], [0, 0, 0, 1]])
@@ -148,6 +150,23 @@ def test_splines_have_no_islands_that_no_voxel_shows() -> None:
     cleared = clear_of_zero(phi)
     np.testing.assert_array_equal(cleared < 0, phi < 0)
     assert (cleared == phi).sum() == phi.size - 2
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_no_surface_lies_within_the_clearance(cut: bool) -> None:
+    """And far from the surface it is a good part of the distance, though the field says little there."""
+    values = np.clip(ball(), -0.3, 0.3)[:, : 10 if cut else None]
+    volume = framed(np.ascontiguousarray(values), AFFINE, (), GridConfig(), "the array")
+    field = _field(volume, GridConfig())[0]
+    points, _ = sample_level_set(field, 20_000, np.random.default_rng(0))
+    places = volume.positions(np.random.default_rng(1).uniform(-2, np.array(values.shape) + 1, (3000, 3)))
+    queries = torch.from_numpy(places)
+    clearance = field.clearance(queries, field.values(queries)).numpy()
+    distance = KDTree(points).query(places)[0]
+    assert (clearance <= distance + 1e-3).all()
+    free = field.field.clearance(queries, torch.zeros(len(queries))).numpy()
+    far = distance > 2.5
+    assert far.any() and (free[far] > 0.15 * distance[far]).mean() > 0.9
 
 
 def test_splines_are_more_accurate_than_linear_interpolation() -> None:
