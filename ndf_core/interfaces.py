@@ -39,6 +39,9 @@ class Projector(ABC):
 
     needs_directions: bool = False
     """Whether `project` needs `directions`, the unit normals n_theta of the mapped surface (NeRF, App. D)."""
+    parallel: bool = False
+    """Whether many points are projected faster in parts, each on a thread of its own. So it is where time goes into
+    long operations without Python's lock; of many short ones, two threads take twice the time of one."""
 
     @abstractmethod
     def project(self, points: Float[Tensor, "n 3"], directions: Float[Tensor, "n 3"] | None = None) -> Projection:

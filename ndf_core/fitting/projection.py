@@ -30,11 +30,13 @@ class BoxProjector:
     """Maps box-frame points to input units, projects, and maps back (App. A.1).
 
     The plugin gets float64 points in input units, whatever their offset; its answer is recentred in float64 before it
-    is rounded to the box frame's float32. Many points are shared out over threads, in the order that they come in.
+    is rounded to the box frame's float32. Many points are shared out over threads, in the order that they come in,
+    where the projector is `parallel`.
     """
 
     def __init__(self, projector: Projector, center: Float[Array, "3"], scale: float, threads: int = 1) -> None:
         self._projector = projector
+        threads = threads if projector.parallel else 1
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
         self._center = torch.as_tensor(center, dtype=torch.float64)

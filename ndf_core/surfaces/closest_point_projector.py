@@ -30,6 +30,8 @@ class ClosestPointProjector(Projector):
     Reference: Baerentzen and Aanaes, Signed distance computation using the angle weighted pseudonormal, 2005.
     """
 
+    parallel = True
+
     def __init__(self, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> None:
         # About the middle, so that coordinates far from the origin lose nothing in differences.
         self._middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2

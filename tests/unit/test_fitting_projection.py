@@ -101,9 +101,10 @@ def test_many_points_are_shared_out_in_order(fault: object) -> None:
     points = queries(7000)
     directions = torch.nn.functional.normalize(points, dim=1)
     alone, shared = (Altered(SphereProjector(), fault, needs_directions=True) for _ in range(2))
-    one = BoxProjector(alone, np.array(CENTER), SCALE).project(points, directions)
+    one = BoxProjector(alone, np.array(CENTER), SCALE, threads=5).project(points, directions)
+    shared.parallel = True
     three = BoxProjector(shared, np.array(CENTER), SCALE, threads=5).project(points, directions)
-    assert len(alone.directions) == 1 and len(shared.directions) == 3, "2,048 points or more for each thread"
+    assert len(alone.directions) == 1 and len(shared.directions) == 3, "parallel, and 2,048 points or more each"
     for one_part, other in zip(one, three, strict=True):
         assert (one_part is None) == (other is None)
         assert one_part is None or torch.equal(one_part, other)

@@ -33,6 +33,7 @@ class RayProjector(Projector):
     """
 
     needs_directions = True
+    parallel = True
 
     def __init__(self, density: Density, field: OuterField, reach: float) -> None:
         """Take the surface.

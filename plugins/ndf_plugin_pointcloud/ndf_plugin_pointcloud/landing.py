@@ -33,6 +33,8 @@ class LandingProjector(Projector):
     torch does.
     """
 
+    parallel = True
+
     def project(self, points: Float[Tensor, "n 3"], directions: Float[Tensor, "n 3"] | None = None) -> Projection:
         query = points.detach().to("cpu", torch.float64).numpy()
         finite = np.isfinite(query).all(axis=1)

@@ -56,7 +56,7 @@ class Union(_Combination):
     type: Literal["union"]
 
     def distance(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, " n"]:
-        return self.low_fields(self.children[0].distance(points), points).min(dim=0).values
+        return self.low_fields(self.children[0].distance(points), points).amin(dim=0)
 
     def bounds(self, level: float = 0.0) -> Box:
         return hull(child.bounds(level) for child in self.children)
@@ -68,7 +68,7 @@ class Intersection(_Combination):
     type: Literal["intersection"]
 
     def distance(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, " n"]:
-        return torch.stack([child.distance(points) for child in self.children]).max(dim=0).values
+        return torch.stack([child.distance(points) for child in self.children]).amax(dim=0)
 
     def bounds(self, level: float = 0.0) -> Box:
         return overlap(child.bounds(level) for child in self.children)
@@ -81,7 +81,7 @@ class Difference(_Combination):
 
     def distance(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, " n"]:
         # max(a, -b, ...) = -min(-a, b, ...)
-        return -self.low_fields(-self.children[0].distance(points), points).min(dim=0).values
+        return -self.low_fields(-self.children[0].distance(points), points).amin(dim=0)
 
     def bounds(self, level: float = 0.0) -> Box:
         return self.children[0].bounds(level)

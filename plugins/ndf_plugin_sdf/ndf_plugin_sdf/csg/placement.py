@@ -107,7 +107,7 @@ class Mirror(Modifier):
     def distance(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, " n"]:
         signs, shift = (column(vector, points) for vector in self._reflection())
         both = self.child.distance(torch.cat([points, points * signs + shift], dim=1))
-        return both.reshape(2, -1).min(dim=0).values
+        return both.reshape(2, -1).amin(dim=0)
 
     def bounds(self, level: float = 0.0) -> Box:
         box = self.child.bounds(level)

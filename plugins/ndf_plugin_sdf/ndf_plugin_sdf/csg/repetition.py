@@ -47,7 +47,7 @@ class _Copies(Modifier):
     def nearest(self, copies: Float[Tensor, "k 3 n"]) -> Float[Tensor, " n"]:
         """Smallest of the child's field over the points as seen by k copies."""
         seen = copies.permute(1, 0, 2).reshape(3, -1)
-        return self.child.distance(seen).reshape(len(copies), -1).min(dim=0).values
+        return self.child.distance(seen).reshape(len(copies), -1).amin(dim=0)
 
 
 class Repeat(_Copies):

@@ -18,7 +18,7 @@ def smooth_minimum(fields: Float[Tensor, "m n"], radius: float) -> Float[Tensor,
     the zero set is (radius - f_1)^2 + (radius - f_2)^2 = radius^2, a circular fillet. Polynomial smooth minima of
     two fields have neither the symmetry for three and more nor the meaning of the radius.
     """
-    lowest = fields.min(dim=0).values
+    lowest = fields.amin(dim=0)
     with torch.no_grad():
         rows = ((fields < lowest + radius).sum(dim=0) > 1).nonzero()[:, 0]
     return lowest.index_copy(0, rows, _blend(fields[:, rows], radius))
