@@ -25,9 +25,10 @@ POINTS_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e4, "projection": 1e4},
 """Points without normals, before they are opened. Table 3 has 1e5 for closest points of the cloud, which keeps the
 map at its base mesh; planes are smoother than points."""
 
-POINTS_CYCLE = ((0.012, 1e3), (0.03, 1e4), (math.inf, 1e5))
-"""Opened, their cycle weight is the first here that has their spacing, in sizes, below its bound. Planes of dense
-points turn little from one to the next, and the map may follow them; sparse ones say less than the base mesh does.
-A shell, whose planes end where its points do, never needs more than the 1e4 above."""
+SOLID_CYCLE = ((0.03, 1e3), (math.inf, 1e5))
+SHELL_CYCLE = ((0.012, 1e3), (math.inf, 1e4))
+"""Opened, the cycle weight of points is the first here that has their spacing, in sizes, below its bound. What is
+fitted to dense points turns little from one to the next, and the map may follow it; sparse ones say less than the
+base mesh does."""
 
 POINT_SUFFIXES = (".ply", ".xyz", ".pts", ".pcd", ".pwn")

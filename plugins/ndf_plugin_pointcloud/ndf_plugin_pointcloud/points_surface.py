@@ -10,7 +10,7 @@ import torch
 from ndf_core.interfaces import Surface
 from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, eroded, offset_surface, sampling_spacing
 from ndf_core.surfaces.fingerprint import fingerprint
-from ndf_plugin_pointcloud.defaults import POINTS_CYCLE, POINTS_DEFAULTS
+from ndf_plugin_pointcloud.defaults import POINTS_DEFAULTS, SHELL_CYCLE, SOLID_CYCLE
 from ndf_plugin_pointcloud.level_set_mesh import sample_by_landing
 from ndf_plugin_pointcloud.local_planes import LocalDiscs
 from ndf_plugin_pointcloud.local_quadrics import LocalQuadrics
@@ -82,8 +82,8 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
             + ("" if closing else "; --open cap makes a capped solid of them instead")
         )
     projector = ShellProjector(search, 0.0 if solid else radius, _LIMIT * radius)
-    cycle = next(weight for bound, weight in POINTS_CYCLE if spacing < bound * cloud.size)
-    cycle = cycle if solid else min(cycle, POINTS_DEFAULTS["loss"]["cycle"])
+    weights = SOLID_CYCLE if solid else SHELL_CYCLE
+    cycle = next(weight for bound, weight in weights if spacing < bound * cloud.size)
     return Surface(
         representation="points",
         base_mesh=DilationExtractor(eroded(offset, _EROSION * radius, threads) if solid else offset),
