@@ -30,8 +30,6 @@ class ImplicitField(ABC):
     """Whether there are places far from the surface where the gradient says little about it, as in occupancies."""
     parallel: bool = False
     """Whether many points are evaluated faster in parts, each on a thread of its own (`Projector.parallel`)."""
-    parallel: bool = False
-    """Whether many points are evaluated faster in parts, each on a thread of its own (`Projector.parallel`)."""
     rounding: float = 1e-10
     """|phi| / |grad phi| that rounding leaves at the surface, as a share of the size; no step gets below it."""
 

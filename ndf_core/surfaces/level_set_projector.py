@@ -35,7 +35,6 @@ class LevelSetProjector(Projector):
         """
         self._field = field
         self.parallel = field.parallel
-        self.parallel = field.parallel
         self._corrections = corrections
         self._size = field.bounds.longest_side
 

@@ -19,8 +19,9 @@ from torch import Tensor
 from ndf_core.errors import InputError
 from ndf_core.surfaces.implicit_field import ImplicitField
 
-_FEWEST_LINES, _MOST_LINES = 1024, 131_072
-"""Lines that are followed together."""
+_FEWEST_LINES, _MOST_LINES = 1024, 262_144
+"""Lines that are followed together: in few batches, since each ends with many small steps of lines that graze."""
+_SPARE = 1.05
 _SHORTEST_STEP, _PLATEAU_STEP = 1.0 / 1024.0, 1.0 / 256.0
 """Shares of the size: two crossings of a line that are nearer to each other may both be missed. The second is for
 fields with plateaus, whose Lipschitz bound allows no other step."""
@@ -52,14 +53,16 @@ def sample_level_set(
         InputError: lines through the bounds hardly ever meet the surface.
     """
     found: list[Tensor] = []
-    total = 0
+    total = followed = 0
     for batch in range(_MOST_BATCHES):
         if total >= count:
             break
         if batch == 100 and not total:
             raise InputError("no surface found: none of many lines through its bounds met a zero of the field")
         # About one line in three meets a surface that fills its bounds, most of them twice.
-        lines = min(_MOST_LINES, max(_FEWEST_LINES, 2 * (count - total)))
+        share = total / followed if total else 0.5
+        lines = min(_MOST_LINES, max(_FEWEST_LINES, round(_SPARE * (count - total) / share)))
+        followed += lines
         points = _bisected(field, _crossings(field, _lines_through(field, lines, rng)))
         found.append(points)
         total += len(points)
