@@ -12,7 +12,6 @@ from ndf_core.surfaces.box import Box
 from ndf_core.surfaces.implicit_field import ImplicitField
 from ndf_plugin_sdf.networks.mlp import Mlp
 
-
 _PARALLEL_WIDTH = 64
 """Two threads project 12,288 points to a network of width 64 in 0.7 of one thread's time, of width 32 in twice it."""
 
