@@ -25,10 +25,10 @@ POINTS_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e4, "projection": 1e4},
 """Points without normals, before they are opened. Table 3 has 1e5 for closest points of the cloud, which keeps the
 map at its base mesh; planes are smoother than points."""
 
-SOLID_CYCLE = ((0.03, 1e3), (math.inf, 1e5))
+SOLID_CYCLE = ((0.03, 1e3), (0.06, 1e4), (math.inf, 1e5))
 SHELL_CYCLE = ((0.012, 1e3), (math.inf, 1e4))
-"""Opened, the cycle weight of points is the first here that has their spacing, in sizes, below its bound. What is
-fitted to dense points turns little from one to the next, and the map may follow it; sparse ones say less than the
-base mesh does."""
+"""Opened, the cycle weight of points is the first here that has a length of theirs, in sizes, below its bound: of
+solids the radius of their dilation, of shells their spacing. What is fitted to dense points turns little from one to
+the next, and the map may follow it; sparse ones, and gaps, say less than the base mesh does."""
 
 POINT_SUFFIXES = (".ply", ".xyz", ".pts", ".pcd", ".pwn")

@@ -82,8 +82,8 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
             + ("" if closing else "; --open cap makes a capped solid of them instead")
         )
     projector = ShellProjector(search, 0.0 if solid else radius, _LIMIT * radius)
-    weights = SOLID_CYCLE if solid else SHELL_CYCLE
-    cycle = next(weight for bound, weight in weights if spacing < bound * cloud.size)
+    weights, length = (SOLID_CYCLE, radius) if solid else (SHELL_CYCLE, spacing)
+    cycle = next(weight for bound, weight in weights if length < bound * cloud.size)
     return Surface(
         representation="points",
         base_mesh=DilationExtractor(eroded(offset, _EROSION * radius, threads) if solid else offset),

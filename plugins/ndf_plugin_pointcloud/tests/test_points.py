@@ -176,7 +176,8 @@ WALL = {"interior": "keep", "radius": 0.2}
 
 
 @pytest.mark.parametrize(
-    ("count", "options", "weight"), [(30_000, WALL, 1e3), (5_000, WALL, 1e4), (20_000, {}, 1e3), (2_000, {}, 1e5)]
+    ("count", "options", "weight"),
+    [(30_000, WALL, 1e3), (5_000, WALL, 1e4), (20_000, {}, 1e3), (4_000, {}, 1e4), (2_000, {}, 1e5)],
 )
 def test_the_map_follows_dense_points_and_keeps_to_its_base_mesh_on_sparse_ones(
     shape: trimesh.Trimesh, count: int, options: dict[str, object], weight: float
