@@ -59,6 +59,8 @@ class Layer:
     weights: Float[Array, " n"]
     detail: Float[Array, " n"]
     """How far apart opaque centres are there."""
+    centres: Float[Array, "k 3"]
+    """Those of the opaque ones that are as near to the solid's boundary."""
     invented: float
     """Share of the solid's boundary that has no splats near it."""
 
@@ -102,6 +104,7 @@ def visible_layer(
         normals=np.concatenate([layer_normals, gap_normals]),
         weights=np.concatenate([np.minimum(total / spacing**2, 1.0), gap_weights]),
         detail=_spacing_at(points, opaque),
+        centres=opaque[boundary.closest(opaque)[0] <= _SLACK * depth],
         invented=float(empty.mean()),
     )
 

@@ -10,64 +10,80 @@ from scipy import fft, ndimage, sparse
 from ndf_plugin_gaussians.grid import Grid
 from ndf_plugin_gaussians.layer import Layer
 
-_BLUR = 0.7
-"""Standard deviation in cells that the normals are smoothed with."""
 _DENSITY_BLUR = 1.0
 """The same for the density of the points."""
 _THINNEST = 0.05
 """Points per unit of area, in cells, below which density no longer counts: a lone point is no sheet."""
 _NEAR = 0.3
 """Nodes of at least this density share the screening, in the preconditioner."""
+_LOOSE = 0.1
+"""Strength by which the pieces hold the surface, where no centre does."""
 _WEAKEST, _STRONGEST = 0.02, 64.0
-"""Bounds of the screening."""
+"""Bounds of that."""
 _TOLERANCE = 2e-3
 _STEPS = 60
 """Of conjugate gradients; some 20 to 40 reach the tolerance."""
 
 
 class ScreenedPoisson:
-    """Minimises sum |grad chi - v|^2 + sum_i s_i a_i (chi(p_i) - c)^2 over numbers chi on a grid, 0 beyond it.
+    """Minimises sum |grad chi - v|^2 + sum_i s_i a_i (chi(p_i) - c)^2 + sum_k t_k (chi(z_k) - c)^2 over numbers chi
+    on a grid, 0 beyond it.
 
     v are the points' inward normals, each standing for the area a_i that its neighbours leave it, and smoothed: chi
-    is about 0 outside and larger inside. c is the mean of chi at the points without the second term. That one holds
-    the surface to the points: waves longer than about 2 pi / s_i cells follow them. So
-    s_i = strength (cell / detail_i)^2: where centres are far apart their positions say little, and where they are
-    close together much. Gaps are bridged.
+    is about 0 outside and larger inside. c is the mean of chi at the points without the other terms. Those hold the
+    surface to the points, loosely, and to the opaque centres z_k, strongly. A layer with n centres per cell follows
+    their waves longer than about 2 pi / (n t) cells: where centres are far apart their positions say little, and
+    where they are close together much. Gaps are bridged.
 
     Lengths are in cells. The Laplacian is inverted by sine transforms, which also precondition the whole.
 
     Reference: Kazhdan and Hoppe, Screened Poisson surface reconstruction, 2013.
     """
 
-    def __init__(self, grid: Grid, layer: Layer) -> None:
+    def __init__(self, grid: Grid, layer: Layer, blur: float) -> None:
+        """Solve without the second and third term.
+
+        Args:
+            grid: where chi is wanted.
+            layer: points and centres.
+            blur: standard deviation in cells that the normals are smoothed with.
+        """
         self._shape = grid.shape
         self._at = _interpolation(grid, layer.points)
         count = (self._at.T @ np.ones(len(layer.points))).reshape(grid.shape)
         density = ndimage.gaussian_filter(count, _DENSITY_BLUR) * (np.sqrt(2.0 * np.pi) * _DENSITY_BLUR)
         area = 1.0 / np.maximum(self._at @ density.ravel(), _THINNEST)
-        self._mass = area * layer.weights
-        self._detail = np.maximum(layer.detail / grid.step, 1e-3)
-        self._source = self._divergence(-layer.normals * self._mass[:, None])
+        mass = area * layer.weights
+        detail = np.maximum(layer.detail / grid.step, 1e-3)
+        self._loose = mass * np.clip(_LOOSE * detail**-2.0, _WEAKEST, _STRONGEST)
+        self._back = sparse.csr_array(self._at.T)
+        self._at_centres = _interpolation(grid, layer.centres)
+        self._back_centres = sparse.csr_array(self._at_centres.T)
+        self._source = self._divergence(-layer.normals * mass[:, None], blur)
         waves = [2.0 - 2.0 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)) for n in grid.shape]
         self._spectrum = np.asarray(
             waves[0][:, None, None] + waves[1][None, :, None] + waves[2][None, None, :], dtype=np.float32
         )
         self._chi = self._inverse(self._source, 0.0)
-        self._level = float(np.average(self._at @ self._chi.ravel(), weights=self._mass))
+        self._level = float(np.average(self._at @ self._chi.ravel(), weights=mass))
         self._near = max(1, int((density > _NEAR).sum()))
 
-    def solve(self, strength: float) -> Float[Array, "x y z"]:
-        """chi - c: positive inside, zero at the surface. Starts from the answer before."""
-        screening = self._mass * np.clip(strength * self._detail**-2.0, _WEAKEST, _STRONGEST)
-        back = sparse.csr_array(self._at.T @ sparse.diags_array(screening))
-        shift = 0.5 * float(screening.sum()) / self._near
+    def solve(self, holds: Float[Array, " k"]) -> Float[Array, "x y z"]:
+        """chi - c: positive inside, zero at the surface. Starts from the answer before.
 
-        def product(chi: Float[Array, "x y z"]) -> Float[Array, "x y z"]:
-            return _laplacian(chi) + (back @ (self._at @ chi.ravel())).reshape(self._shape)
+        Args:
+            holds: t_k, of each of the layer's centres.
+        """
 
-        wanted = self._source + (back @ np.full(len(screening), self._level)).reshape(self._shape)
+        def screening(chi: Float[Array, "x y z"]) -> Float[Array, "x y z"]:
+            flat = chi.ravel()
+            loose = self._back @ (self._loose * (self._at @ flat))
+            return (loose + self._back_centres @ (holds * (self._at_centres @ flat))).reshape(self._shape)
+
+        shift = 0.5 * float(self._loose.sum() + holds.sum()) / self._near
+        wanted = self._source + screening(np.full(self._shape, self._level))
         chi = self._chi
-        residual = wanted - product(chi)
+        residual = wanted - _laplacian(chi) - screening(chi)
         goal = _TOLERANCE * float(np.linalg.norm(wanted))
         direction, before = np.zeros_like(chi), 1.0
         for _ in range(_STEPS):
@@ -76,7 +92,7 @@ class ScreenedPoisson:
             better = self._inverse(residual, shift)
             now = float((residual * better).sum())
             direction = better + (now / before) * direction
-            image = product(direction)
+            image = _laplacian(direction) + screening(direction)
             step = now / float((direction * image).sum())
             chi = chi + step * direction
             residual = residual - step * image
@@ -84,12 +100,12 @@ class ScreenedPoisson:
         self._chi = chi
         return chi - self._level
 
-    def _divergence(self, vectors: Float[Array, "n 3"]) -> Float[Array, "x y z"]:
+    def _divergence(self, vectors: Float[Array, "n 3"], blur: float) -> Float[Array, "x y z"]:
         """Of the vectors at the points, shared out to nodes and smoothed; between two nodes their mean counts."""
         total = np.zeros(self._shape)
         for axis in range(3):
             field = ndimage.gaussian_filter(
-                (self._at.T @ vectors[:, axis]).reshape(self._shape), _BLUR, mode="constant"
+                (self._at.T @ vectors[:, axis]).reshape(self._shape), blur, mode="constant"
             )
             along, target = np.moveaxis(field, axis, 0), np.moveaxis(total, axis, 0)
             edges = 0.5 * (along[1:] + along[:-1])

@@ -8,17 +8,21 @@ from numpy import ndarray as Array
 from scipy.spatial import KDTree
 
 from ndf_plugin_gaussians.grid import Grid
-from ndf_plugin_gaussians.layer import Layer
+from ndf_plugin_gaussians.layer import Boundary, Layer
 from ndf_plugin_gaussians.poisson import ScreenedPoisson
-from ndf_plugin_gaussians.solid import Ground
+from ndf_plugin_gaussians.solid import Ground, meshed
 
-_STRENGTHS = (2.0, 4.0, 8.0, 16.0)
-"""Of the screening; the first whose surface is near enough to the centres is taken, or the last that was worth it."""
-_ENOUGH = 1.2
+_WEAKEST, _STRONGEST, _FACTOR = 4.0, 64.0, np.sqrt(2.0)
+"""How strongly a centre holds the surface: the first of these whose surface is near enough to the centres."""
+_ENOUGH = 1.0
 """Median distance of the centres from the surface, in those from the planes of their neighbours."""
-_WORTH = 0.925
-"""Twice the strength must bring the surface at least so much nearer, as a factor: nothing brings it to splats behind
-others, and it gets rough on the way."""
+_LEAST = 0.05
+"""Cells below which the distance is no longer told from none."""
+_BLURS = (1.2, 0.7)
+"""Standard deviations in cells that normals are smoothed with. Wider ones give a smoother surface between centres,
+but the sides of a sheet without thickness cancel, and it is gone."""
+_REACHED = 0.9
+"""Share of the centres near the solid's boundary that the surface must pass by, or the narrower blur is taken."""
 _NEIGHBOURS = 25
 _NEAR = 1.5
 """Centres this near to the surface, in cells, decide its level."""
@@ -29,10 +33,12 @@ def smooth_surface(
 ) -> Float[Array, "x y z"]:
     """Numbers that are positive inside and change by about 1 from node to node near the surface.
 
-    The screening grows until the centres are hardly farther from the surface than from the planes of their
-    neighbours, in the median: what is nearer follows their scatter. The level that halves the centres near the
-    surface is the surface, since splats behind others, and smoothing, draw it inwards. Below the ground nothing is
-    left.
+    Its hold on the centres grows until they are hardly farther from it than from the planes of their neighbours, in
+    the median: what is nearer follows their scatter. A centre counts the less the more scatters it is away, since
+    splats lie behind others. The level that halves the centres near the surface is the surface, as smoothing draws
+    it inwards.
+
+    Below the ground nothing is left.
 
     Args:
         grid: where the numbers are wanted.
@@ -40,29 +46,46 @@ def smooth_surface(
         opaque: centres of opaque splats.
         ground: that the object stands on.
 
-    Reference: Morozov's discrepancy principle, for the screening.
+    Reference: Morozov's discrepancy principle, for the strength; Cauchy's weights, from the strength before.
     """
-    scatter = float(np.median(plane_distances(opaque)))
-    poisson = ScreenedPoisson(grid, layer)
-    field, misfit = np.zeros(grid.shape), np.inf
-    for strength in _STRENGTHS:
-        chi = poisson.solve(strength)
-        slopes = grid.values(np.linalg.norm(np.gradient(chi), axis=0), opaque)
+    poisson = _widest_blur(grid, layer)
+    scatter = max(float(np.median(plane_distances(opaque))), _LEAST * grid.step)
+    strength = _WEAKEST
+    chi = poisson.solve(np.zeros(len(layer.centres)))
+    while True:
+        slope = float(np.median(grid.values(np.linalg.norm(np.gradient(chi), axis=0), opaque)))
         value = grid.values(chi, opaque)
-        slope = float(np.median(slopes))
         near = np.abs(value) <= _NEAR * slope
         level = float(np.median(value[near])) if near.any() else 0.0
-        before = misfit
-        misfit = float(np.median(np.abs(value - level) / np.maximum(slopes, 1e-300))) * grid.step
-        if misfit > _WORTH * before:
-            break
         field = (chi - level) / slope
-        if misfit <= _ENOUGH * scatter:
+        if strength > _STRONGEST or _misfit(field, grid, opaque) <= _ENOUGH * scatter:
             break
+        away = grid.values(chi, layer.centres) / slope
+        chi = poisson.solve(strength / (1.0 + (away * grid.step / scatter) ** 2))
+        strength *= _FACTOR
     if ground is not None:
         index = np.indices(grid.shape).reshape(3, -1).T
         field = np.minimum(field, ground.height(grid.nodes(index)).reshape(grid.shape) / grid.step)
     return field
+
+
+def _widest_blur(grid: Grid, layer: Layer) -> ScreenedPoisson:
+    """With the widest blur whose surface passes by the layer's centres, though nothing holds it to them."""
+    for blur in _BLURS[:-1]:
+        poisson = ScreenedPoisson(grid, layer, blur)
+        chi = poisson.solve(np.zeros(len(layer.centres)))
+        slopes = grid.values(np.linalg.norm(np.gradient(chi), axis=0), layer.points)
+        away = np.abs(grid.values(chi, layer.centres))
+        if (away <= _NEAR * np.median(slopes)).sum() >= _REACHED * len(away):
+            return poisson
+    return ScreenedPoisson(grid, layer, _BLURS[-1])
+
+
+def _misfit(field: Float[Array, "x y z"], grid: Grid, opaque: Float[Array, "k 3"]) -> float:
+    """Median distance of the centres from the surface, in input units; infinite where there is none."""
+    if not (field > 0).any():
+        return np.inf
+    return float(np.median(Boundary(meshed(field, grid)).closest(opaque)[0]))
 
 
 def plane_distances(points: Float[Array, "n 3"]) -> Float[Array, " n"]:

@@ -1,5 +1,5 @@
-"""Screened Poisson reconstruction on a grid: spheres come back, gaps are bridged, and where centres are far apart
-their scatter does not count."""
+"""Screened Poisson reconstruction on a grid: spheres come back, gaps are bridged, where centres are far apart their
+scatter does not count, and those behind others do not draw the surface in."""
 
 from __future__ import annotations
 
@@ -22,8 +22,14 @@ def directions(count: int) -> np.ndarray:
     return np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
 
 
-def layer(points: np.ndarray, normals: np.ndarray, detail: float) -> Layer:
-    return Layer(points, normals, np.ones(len(points)), np.full(len(points), detail), 0.0)
+def layer(points: np.ndarray, normals: np.ndarray, centres: np.ndarray | None = None) -> Layer:
+    """With the points as centres, if none are given."""
+    detail = np.full(len(points), 4.0 * GRID.step)
+    return Layer(points, normals, np.ones(len(points)), detail, points if centres is None else centres, 0.0)
+
+
+def held(given: Layer, strength: float) -> np.ndarray:
+    return ScreenedPoisson(GRID, given, 0.7).solve(np.full(len(given.centres), strength))
 
 
 def nodes(grid: Grid) -> np.ndarray:
@@ -37,7 +43,7 @@ def radii(field: np.ndarray) -> np.ndarray:
 
 def test_points_of_a_sphere_give_the_sphere() -> None:
     normals = directions(4000)
-    field = ScreenedPoisson(GRID, layer(normals, normals, GRID.step)).solve(16.0)
+    field = held(layer(normals, normals), 16.0)
     inside = np.linalg.norm(nodes(GRID), axis=1).reshape(GRID.shape) < 1.0
     away = np.abs(np.linalg.norm(nodes(GRID), axis=1).reshape(GRID.shape) - 1.0) > GRID.step
     assert ((field > 0) == inside)[away].all()
@@ -47,7 +53,7 @@ def test_points_of_a_sphere_give_the_sphere() -> None:
 def test_gaps_are_bridged() -> None:
     normals = directions(4000)
     normals = normals[normals[:, 2] < np.cos(np.radians(25))]
-    mesh = meshed(4.0 * ScreenedPoisson(GRID, layer(normals, normals, GRID.step)).solve(16.0), GRID)
+    mesh = meshed(4.0 * held(layer(normals, normals), 16.0), GRID)
     over = mesh.vertices[(np.hypot(*mesh.vertices[:, :2].T) < 0.3) & (mesh.vertices[:, 2] > 0)]
     # Between the plane through the rim of the gap, a little below it, and the sphere.
     assert 0.8 < over[:, 2].min() <= over[:, 2].max() < 1.05
@@ -56,16 +62,36 @@ def test_gaps_are_bridged() -> None:
 def test_scatter_counts_less_where_centres_are_far_apart() -> None:
     normals = directions(4000)
     points = normals * (1.0 + 0.5 * GRID.step * np.random.default_rng(0).standard_normal((4000, 1)))
-    dense, sparse = (
-        radii(4.0 * ScreenedPoisson(GRID, layer(points, normals, detail * GRID.step)).solve(16.0)).std()
-        for detail in (0.5, 8.0)
-    )
+    dense, sparse = (radii(4.0 * held(layer(normals, normals, points[::every]), 4.0)).std() for every in (1, 32))
     assert sparse < 0.5 * dense
+
+
+def test_centres_behind_others_do_not_draw_the_surface_in() -> None:
+    rng = np.random.default_rng(0)
+    normals = directions(4000)
+    seen = normals * (1.0 + 0.1 * GRID.step * rng.standard_normal((4000, 1)))
+    hidden = normals[::2] * (1.0 - GRID.step * rng.uniform(1.0, 4.0, (2000, 1)))
+    centres = np.concatenate([seen, hidden])
+    found = radii(smooth_surface(GRID, layer(normals, normals, centres), centres, None))
+    assert abs(np.median(found) - 1.0) < 0.1 * GRID.step
+    assert found.std() < 0.1 * GRID.step
+
+
+def test_a_sheet_without_thickness_is_kept() -> None:
+    side = np.linspace(-0.9, 0.9, 60)
+    points = np.stack(np.meshgrid(side, side, [0.0]), axis=-1).reshape(-1, 3)
+    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    both = np.concatenate([points + 0.4 * GRID.step * up, points - 0.4 * GRID.step * up])
+    field = smooth_surface(GRID, layer(both, np.concatenate([up, -up])), both, None)
+    middle = GRID.values(field, points[np.abs(points[:, :2]).max(axis=1) < 0.7])
+    assert (middle > 0).mean() > 0.95
+    vertices = meshed(field, GRID).vertices
+    assert np.abs(vertices[:, 2]).max() < 2.0 * GRID.step
 
 
 def test_below_the_ground_nothing_is_left() -> None:
     normals = directions(4000)
-    field = smooth_surface(GRID, layer(normals, normals, GRID.step), normals, Ground((2, -1), -0.5))
+    field = smooth_surface(GRID, layer(normals, normals), normals, Ground((2, -1), -0.5))
     vertices = meshed(field, GRID).vertices
     assert vertices[:, 2].min() > -0.5 - 0.05 * GRID.step
     flat = vertices[np.hypot(*vertices[:, :2].T) < 0.7]
