@@ -31,7 +31,6 @@ _ATTRACTION = 0.3
 _ANCHOR = 30.0
 _SPREAD = 3000
 """Target points of each step."""
-_ON_A_LINE = 1e-3
 _SPREADING = 4.0
 """Anchors that are put right take along what is within some two (its root) edges of them."""
 _RELAXED = 0.5
@@ -75,7 +74,7 @@ def register(
     """Positions of the mesh's vertices on the target, a map that anchors fix and that folds as little as it can.
 
     Args:
-        vertices, faces: the mesh, roughly of the target's size, both with their middle at the origin.
+        vertices, faces: the mesh, roughly of the target's size and place.
         target: of the same topology.
         anchors: faces of the mesh, weights there, and where these points go. They are met exactly.
         seed: of the points on the target.
@@ -99,7 +98,6 @@ class _Registration:
         self._smoothness = _MEMBRANE * laplacian + laplacian @ laplacian
         self._anchored = self._at(anchors[0], anchors[1])
         self._goals = anchors[2]
-        self._now = vertices @ _turn(self._anchored @ vertices, self._goals)
         # The smoothest small change that puts the anchors right; pairs may contradict each other.
         spread = splu(sp.csc_matrix(sp.identity(count) + _SPREADING * laplacian)).solve(self._anchored.T.toarray())
         self._correction = spread @ np.linalg.pinv(self._anchored @ spread)
@@ -194,17 +192,6 @@ class _Registration:
         rows = np.repeat(np.arange(len(faces)), 3)
         columns = self._faces[faces].ravel()
         return sp.csr_matrix((weights.ravel(), (rows, columns)), shape=(len(faces), len(self._now)))
-
-
-def _turn(points: Float[Array, "m 3"], goals: Float[Array, "m 3"]) -> Float[Array, "3 3"]:
-    """The rotation about the origin (rows times it) that takes points closest to goals; none if all are on a line.
-
-    Reference: Kabsch 1976.
-    """
-    left, sizes, right = np.linalg.svd(points.T @ goals)
-    if sizes[1] < _ON_A_LINE * sizes[0]:
-        return np.eye(3)
-    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
 
 
 def _unit(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
