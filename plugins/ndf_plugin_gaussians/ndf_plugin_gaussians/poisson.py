@@ -16,10 +16,8 @@ _THINNEST = 0.05
 """Points per unit of area, in cells, below which density no longer counts: a lone point is no sheet."""
 _NEAR = 0.3
 """Nodes of at least this density share the screening, in the preconditioner."""
-_LOOSE = 0.1
-"""Strength by which the pieces hold the surface, where no centre does."""
 _WEAKEST, _STRONGEST = 0.02, 64.0
-"""Bounds of that."""
+"""Bounds of the pieces' screening."""
 _TOLERANCE = 2e-3
 _STEPS = 60
 """Of conjugate gradients; some 20 to 40 reach the tolerance."""
@@ -40,13 +38,14 @@ class ScreenedPoisson:
     Reference: Kazhdan and Hoppe, Screened Poisson surface reconstruction, 2013.
     """
 
-    def __init__(self, grid: Grid, layer: Layer, blur: float) -> None:
+    def __init__(self, grid: Grid, layer: Layer, blur: float, loose: float) -> None:
         """Solve without the second and third term.
 
         Args:
             grid: where chi is wanted.
             layer: points and centres.
             blur: standard deviation in cells that the normals are smoothed with.
+            loose: s_i where opaque centres are a cell apart; it falls with the square of how far apart they are.
         """
         self._shape = grid.shape
         self._at = _interpolation(grid, layer.points)
@@ -55,7 +54,7 @@ class ScreenedPoisson:
         area = 1.0 / np.maximum(self._at @ density.ravel(), _THINNEST)
         mass = area * layer.weights
         detail = np.maximum(layer.detail / grid.step, 1e-3)
-        self._loose = mass * np.clip(_LOOSE * detail**-2.0, _WEAKEST, _STRONGEST)
+        self._loose = mass * np.clip(loose * detail**-2.0, _WEAKEST, _STRONGEST)
         self._back = sparse.csr_array(self._at.T)
         self._at_centres = _interpolation(grid, layer.centres)
         self._back_centres = sparse.csr_array(self._at_centres.T)

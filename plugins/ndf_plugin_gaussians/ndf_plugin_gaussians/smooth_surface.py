@@ -18,11 +18,12 @@ _ENOUGH = 1.0
 """Median distance of the centres from the surface, in those from the planes of their neighbours."""
 _LEAST = 0.05
 """Cells below which the distance is no longer told from none."""
-_BLURS = (1.2, 0.7)
-"""Standard deviations in cells that normals are smoothed with. Wider ones give a smoother surface between centres,
-but the sides of a sheet without thickness cancel, and it is gone."""
+_SMOOTH, _SHEET = (1.2, 0.1), (0.7, 8.0)
+"""Standard deviation in cells that normals are smoothed with, and how strongly pieces hold the surface. A wide one
+gives a smoother surface between centres, but the sides of a sheet without thickness cancel, and it is gone; and its
+centres hold neither side, as they lie between."""
 _REACHED = 0.9
-"""Share of the centres near the solid's boundary that the surface must pass by, or the narrower blur is taken."""
+"""Share of the centres near the solid's boundary that the smooth surface must pass by, or there are sheets."""
 _NEIGHBOURS = 25
 _NEAR = 1.5
 """Centres this near to the surface, in cells, decide its level."""
@@ -48,7 +49,7 @@ def smooth_surface(
 
     Reference: Morozov's discrepancy principle, for the strength; Cauchy's weights, from the strength before.
     """
-    poisson = _widest_blur(grid, layer)
+    poisson = _reconstruction(grid, layer)
     scatter = max(float(np.median(plane_distances(opaque))), _LEAST * grid.step)
     strength = _WEAKEST
     chi = poisson.solve(np.zeros(len(layer.centres)))
@@ -69,16 +70,14 @@ def smooth_surface(
     return field
 
 
-def _widest_blur(grid: Grid, layer: Layer) -> ScreenedPoisson:
-    """With the widest blur whose surface passes by the layer's centres, though nothing holds it to them."""
-    for blur in _BLURS[:-1]:
-        poisson = ScreenedPoisson(grid, layer, blur)
-        chi = poisson.solve(np.zeros(len(layer.centres)))
-        slopes = grid.values(np.linalg.norm(np.gradient(chi), axis=0), layer.points)
-        away = np.abs(grid.values(chi, layer.centres))
-        if (away <= _NEAR * np.median(slopes)).sum() >= _REACHED * len(away):
-            return poisson
-    return ScreenedPoisson(grid, layer, _BLURS[-1])
+def _reconstruction(grid: Grid, layer: Layer) -> ScreenedPoisson:
+    """The smooth one, if it passes by the layer's centres though nothing holds it to them."""
+    poisson = ScreenedPoisson(grid, layer, *_SMOOTH)
+    chi = poisson.solve(np.zeros(len(layer.centres)))
+    slopes = grid.values(np.linalg.norm(np.gradient(chi), axis=0), layer.points)
+    away = np.abs(grid.values(chi, layer.centres))
+    reached = (away <= _NEAR * np.median(slopes)).sum() >= _REACHED * len(away)
+    return poisson if reached else ScreenedPoisson(grid, layer, *_SHEET)
 
 
 def _misfit(field: Float[Array, "x y z"], grid: Grid, opaque: Float[Array, "k 3"]) -> float:

@@ -29,7 +29,7 @@ def layer(points: np.ndarray, normals: np.ndarray, centres: np.ndarray | None = 
 
 
 def held(given: Layer, strength: float) -> np.ndarray:
-    return ScreenedPoisson(GRID, given, 0.7).solve(np.full(len(given.centres), strength))
+    return ScreenedPoisson(GRID, given, 0.7, 0.1).solve(np.full(len(given.centres), strength))
 
 
 def nodes(grid: Grid) -> np.ndarray:
