@@ -14,7 +14,7 @@ from ndf_core.base_mesh.marching_cubes import marching_cubes
 from ndf_core.base_mesh.narrow_band import sample_near_level_set
 
 OUR_LENGTHS = (0.2, 0.1, 0.07, 0.05, 0.035, 0.025)
-GRID_SIZES = (0.1, 0.06, 0.04, 0.03, 0.02)
+GRID_SIZES = (0.1, 0.06, 0.04, 0.03, 0.02, 0.015)
 REMESHED = ((0.1, 2), (0.07, 2), (0.05, 2), (0.14, 4), (0.1, 4))
 """Edge lengths asked of the remeshers, and cells of marching cubes to each edge. One cell to an edge is worse than no
 remeshing at all: the vertices slide on a surface that is as coarse as they are."""

@@ -124,6 +124,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.6))
     for axis, task in zip(axes, TASKS, strict=True):
@@ -140,6 +141,9 @@ def draw(result: dict[str, Any], path: Path) -> None:
         ]
         style = {"color": "gray", "lw": 1.2, "label": "ours, vertices on the true surface"}
         axis.loglog([x for x, _ in moved], [y for _, y in moved], ":", **style)
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.xaxis.set_major_formatter("{x:g}")
+        axis.xaxis.set_minor_formatter(NullFormatter())
         axis.set_xlabel("CPU seconds, extraction and solution")
         axis.set_ylabel(
             f"relative error, {'exact geodesics (L1)' if task == 'geodesics' else '20 eigenvalues (mean)'}"
