@@ -24,7 +24,7 @@ class LossWeights(BaseModel):
         ge=0,
         le=1e12,
         description="lambda_A: squared distance of mapped anchors from their targets (App. D.1); none: 0.1 lambda_P "
-        "where there are anchors, 5e-3 lambda_P with base_from",
+        "where there are anchors, 0.02 lambda_P with base_from",
     )
     normal: float = Field(
         default=0.0, ge=0, le=1e12, description="squared difference of the mapped and the surface's normal (App. D.2)"
@@ -33,7 +33,7 @@ class LossWeights(BaseModel):
         default=None,
         ge=0,
         le=1e12,
-        description="softplus of -det J / tr J^T J (App. D.3); none: 1e-3 lambda_P with base_from, else 0",
+        description="softplus of -det J / tr J^T J (App. D.3); none: 3e-4 lambda_P with base_from, else 0",
     )
 
 

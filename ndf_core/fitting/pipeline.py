@@ -43,12 +43,12 @@ from ndf_core.fitting.trainer import Trainer, worthwhile_workers
 from ndf_core.interfaces import BaseMesh, Remark, Surface
 from ndf_core.mesh import topology
 
-CONFORMALITY = 1e-3
+CONFORMALITY = 3e-4
 """Weight of the conformality loss (App. D.3) beside lambda_P where a base mesh is fitted to another shape."""
 ANCHOR = 0.1
 """Weight of each anchor beside lambda_P (App. D.1), where the map starts from the identity ..."""
-HELD_ANCHOR = 0.005
-"""... and where it starts with its anchors met and has to keep them: each counts as 15 of 3,072 samples do."""
+HELD_ANCHOR = 0.02
+"""... and where it starts with its anchors met and has to keep them: each counts as 60 of 3,072 samples do."""
 _NOT_IDENTITY = ("checkpoint_seconds", "device", "threads")
 """Options that do not say what is fitted: they stay out of the asset."""
 
