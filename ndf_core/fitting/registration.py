@@ -20,7 +20,7 @@ from numpy import ndarray as Array
 from scipy.sparse.linalg import splu
 
 from ndf_core.kernels.bvh import TriangleBVH
-from ndf_core.mesh import face_normals
+from ndf_core.mesh import face_normals, unit
 
 _STEPS = 100
 _STIFFNESS = (2.5, -2.0)
@@ -49,7 +49,7 @@ class Target:
         self.tree = TriangleBVH(vertices, faces)
         crossed = face_normals(vertices, faces)
         areas = np.linalg.norm(crossed, axis=1)
-        self.normals = _unit(crossed)
+        self.normals = unit(crossed)
         self._shares = areas / areas.sum()
 
     def spread(self, count: int, rng: np.random.Generator) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
@@ -123,7 +123,7 @@ class _Registration:
         pull = attraction * facing.clip(0, 1)
         points, directions = target.spread(_SPREAD, rng)
         _, under, weights = TriangleBVH(now, faces).closest(points)
-        facing = (_unit(normals)[under] * directions).sum(axis=1)
+        facing = (unit(normals)[under] * directions).sum(axis=1)
         share = sp.diags(attraction * facing.clip(0, 1) * len(now) / _SPREAD)
         spread = self._at(under, weights)
         remaining = max(1.0, _STEPS / 2 - step)
@@ -173,7 +173,7 @@ class _Registration:
     def _vertex_normals(self, normals: Float[Array, "f 3"]) -> Float[Array, "v 3"]:
         total = np.zeros_like(self._now)
         np.add.at(total, self._faces.ravel(), np.repeat(normals, 3, axis=0))
-        return _unit(total)
+        return unit(total)
 
     def _middle(self) -> sp.csr_matrix:
         """The matrix that takes vertices to the middle of their neighbours, weighed by the triangles between."""
@@ -192,7 +192,3 @@ class _Registration:
         rows = np.repeat(np.arange(len(faces)), 3)
         columns = self._faces[faces].ravel()
         return sp.csr_matrix((weights.ravel(), (rows, columns)), shape=(len(faces), len(self._now)))
-
-
-def _unit(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)

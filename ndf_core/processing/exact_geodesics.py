@@ -45,8 +45,9 @@ def exact_distances(operators: Operators, sources: SurfacePoints) -> tuple[Float
 def straight_to(operators: Operators, sources: SurfacePoints, points: SurfacePoints) -> Float[Array, " n"]:
     """Length of the straight line to the nearest source in the same face; infinite where there is none."""
     found = np.full(len(points.faces), np.inf)
+    near = np.flatnonzero(np.isin(points.faces, sources.faces))
     for face, weights in zip(sources.faces, sources.barycentric, strict=True):
-        here = points.faces == face
+        here = near[points.faces[near] == face]
         lengths = straight_lengths(operators.vertices, operators.faces[face : face + 1])
         if operators.edge_lengths is not None:
             lengths = operators.edge_lengths[face : face + 1]

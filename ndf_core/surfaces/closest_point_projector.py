@@ -11,7 +11,7 @@ from torch import Tensor
 from ndf_core.errors import InputError
 from ndf_core.interfaces import Projection, Projector
 from ndf_core.kernels.bvh import TriangleBVH
-from ndf_core.mesh import face_normals
+from ndf_core.mesh import face_normals, unit
 
 _ON_EDGE = 1e-9
 """Barycentric coordinates below this count as zero."""
@@ -37,7 +37,7 @@ class ClosestPointProjector(Projector):
         self._middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
         centred = vertices - self._middle
         self._tree = TriangleBVH(centred, faces)
-        normals = _unit(face_normals(centred, faces))
+        normals = unit(face_normals(centred, faces))
         self._face_normals = normals
         self._edge_normals = _edge_normals(faces, len(vertices), normals)
         self._vertex_normals = _vertex_normals(centred, faces, normals)
@@ -66,11 +66,6 @@ class ClosestPointProjector(Projector):
         return normals
 
 
-def _unit(vectors: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-
-
 def _edge_normals(faces: Int[Array, "f 3"], vertex_count: int, normals: Float[Array, "f 3"]) -> Float[Array, "f 3 3"]:
     """Of each half-edge (from corner i to the next): the mean direction of the two faces."""
     start, end = faces.astype(np.int64).ravel(), faces[:, [1, 2, 0]].astype(np.int64).ravel()
@@ -78,7 +73,7 @@ def _edge_normals(faces: Int[Array, "f 3"], vertex_count: int, normals: Float[Ar
     order = np.argsort(forward)
     opposite = order[np.searchsorted(forward[order], backward)]
     own = np.repeat(normals, 3, axis=0)
-    return _unit(own + own[opposite]).reshape(-1, 3, 3)
+    return unit(own + own[opposite]).reshape(-1, 3, 3)
 
 
 def _vertex_normals(
@@ -86,10 +81,10 @@ def _vertex_normals(
 ) -> Float[Array, "v 3"]:
     """Angle-weighted means of the faces' normals."""
     corners = vertices[faces]
-    ahead = _unit(np.roll(corners, -1, axis=1) - corners)
-    behind = _unit(np.roll(corners, 1, axis=1) - corners)
+    ahead = unit(np.roll(corners, -1, axis=1) - corners)
+    behind = unit(np.roll(corners, 1, axis=1) - corners)
     # Half of the angle from chord lengths: exact for the tiny angles that arccos of a product rounds to zero.
     angle = 2.0 * np.arctan2(np.linalg.norm(ahead - behind, axis=2), np.linalg.norm(ahead + behind, axis=2))
     weighted = (angle[:, :, None] * normals[:, None, :]).reshape(-1, 3)
     total = np.stack([np.bincount(faces.ravel(), weighted[:, i], len(vertices)) for i in range(3)], axis=1)
-    return _unit(total)
+    return unit(total)

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ndf_core.kernels.winding import WindingTree
+from ndf_core.mesh import unit
 from ndf_plugin_pointcloud.caps import take_caps
 from ndf_plugin_pointcloud.directions import Neighbourhood
 from ndf_plugin_pointcloud.landing import Landing, LandingProjector
@@ -47,19 +48,14 @@ class TracingProjector(LandingProjector):
         way = self._tree.trace(query, outwards, near.heights, near.spacings, reaches, tolerance, threads)
         lost = np.flatnonzero(np.isnan(way))
         if len(lost):
-            slope = _unit(-self._tree.values_and_gradients(query[lost], threads)[1])
+            slope = unit(-self._tree.values_and_gradients(query[lost], threads)[1])
             unknown, steps = np.zeros(len(lost)), near.spacings[lost]
             way[lost] = self._tree.trace(query[lost], slope, unknown, steps, reaches[lost], tolerance, threads)
             outwards[lost] = slope
         converged = np.isfinite(way)
         found = query + np.where(converged, way, 0.0)[:, None] * outwards
-        normals = _unit(-self._tree.values_and_gradients(found, threads)[1])
+        normals = unit(-self._tree.values_and_gradients(found, threads)[1])
         landing = Landing(found, normals, converged)
         away = np.flatnonzero(near.distances > _AWAY * near.spacings)
         take_caps(landing, query, away, self._tree, self._size, tolerance, threads)
         return landing
-
-
-def _unit(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
