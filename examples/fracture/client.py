@@ -43,16 +43,15 @@ class Shatter:
         self._tree = TriangleBVH(mesh.vertices, mesh.faces)
         self._mesh_faces = mesh.faces
         operators = Operators.of(mesh)
-        self._spread = operators.heat_step((_WIDTH * asset.longest_side) ** 2)
-        self._weights = self._impulses(scores[: len(mesh.vertices)], operators.lumped_mass, ends, counts)
+        impulses = self._impulses(scores[: len(mesh.vertices)], operators.lumped_mass, ends, counts)
+        # The heat step is symmetric: spread what listens once, instead of every impact.
+        self._received = operators.heat_step((_WIDTH * asset.longest_side) ** 2).solve(impulses)
         self._join_atoms()
 
     def strengths(self, point: Float[Array, "3"], direction: Float[Array, "3"]) -> Float[Array, " m"]:
         """How much of an impact goes into each mode: the product of the mode with the spread impulse."""
         _, face, weights = self._tree.closest(point[None])
-        right = np.zeros(self._weights.shape[1])
-        right[self._mesh_faces[face[0]]] = weights[0]
-        received = self._weights @ self._spread.solve(right)
+        received = weights[0] @ self._received[self._mesh_faces[face[0]]]
         received = received.reshape(-1, 3) @ (direction / np.linalg.norm(direction))
         return np.abs(np.add.reduceat(received, self._starts))
 
@@ -125,14 +124,14 @@ class Shatter:
 
     def _impulses(
         self, scores: Float[Array, "v c"], mass: Float[Array, " v"], ends: Int[Array, " m"], counts: list[int]
-    ) -> Float[Array, "c3 v"]:
-        """Rows (column, axis) that take a spread impulse to what each piece of each mode receives along each axis."""
+    ) -> Float[Array, "v c3"]:
+        """What each piece of each mode receives along each axis (column, axis) of a spread impulse at a vertex."""
         self._starts = ends - counts
-        rows = list[Array]()
+        columns = list[Array]()
         for start, end, motion in zip(self._starts, ends, self._motions, strict=True):
             own = np.eye(end - start)[scores[:, start:end].argmax(axis=1)] * mass[:, None]
-            rows.append(np.einsum("vp,pa->pav", own, motion).reshape(-1, len(mass)))
-        return np.concatenate(rows)
+            columns.append(np.einsum("vp,pa->vpa", own, motion).reshape(len(mass), -1))
+        return np.concatenate(columns, axis=1)
 
     def _join_atoms(self) -> None:
         """Atoms: what no mode cuts. Impacts only have to decide which of them stay together."""
