@@ -12,6 +12,10 @@ API_VERSION = 1
 WINDING_DEFAULTS: Mapping[str, Any] = {"loss": {"cycle": 1e4, "projection": 1e4}, "projection_visits": 4}
 """Table 3, oriented point clouds. A traced projection costs some ten times a training step per sample."""
 
+CLEAN_DEFAULTS: Mapping[str, Any] = {**WINDING_DEFAULTS, "loss": {"cycle": 1e3, "projection": 1e4}}
+"""Points with normals that have no noise: what is traced turns little from one point to the next, and the map may
+follow it. With noise the map must not."""
+
 CLOSEST_DEFAULTS: Mapping[str, Any] = {**WINDING_DEFAULTS, "loss": {"cycle": 1e2, "projection": 1e4}}
 """Soups that land on their closest triangle: a projection as smooth as a mesh's, and so the weights of one."""
 

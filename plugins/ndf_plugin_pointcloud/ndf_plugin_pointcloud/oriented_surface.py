@@ -15,10 +15,10 @@ from ndf_core.interfaces import Surface
 from ndf_core.kernels.winding import WindingTree
 from ndf_core.surfaces.fingerprint import fingerprint
 from ndf_plugin_pointcloud.areas import point_areas
-from ndf_plugin_pointcloud.defaults import WINDING_DEFAULTS
+from ndf_plugin_pointcloud.defaults import CLEAN_DEFAULTS, WINDING_DEFAULTS
 from ndf_plugin_pointcloud.directions import Neighbourhood
 from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor, sample_by_landing
-from ndf_plugin_pointcloud.noise import noise_level, smoothing_for
+from ndf_plugin_pointcloud.noise import is_clean, noise_level, smoothing_for
 from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
 from ndf_plugin_pointcloud.point_file import PointCloud, point_cloud, read_point_file
 from ndf_plugin_pointcloud.spatial_order import spatial_order
@@ -55,13 +55,14 @@ def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representat
     notes, order = list(cloud.notes), spatial_order(cloud.points)
     points, normals = cloud.points[order], cloud.normals[order]
     tree = KDTree(points)
-    areas = point_areas(tree, threads)
+    areas = point_areas(tree, normals, threads)
     # Three times the volume, by the divergence theorem.
     if np.einsum("n,nc,nc->", areas, normals, points - points.mean(axis=0)) < 0:
         normals = -normals
         notes.append("the normals point inwards; all of them turned over")
     radii = np.sqrt(areas / np.pi)
-    smoothing = config.smoothing or smoothing_for(noise_level(tree, normals, radii, threads))
+    noise = noise_level(tree, normals, radii, threads)
+    smoothing = config.smoothing or smoothing_for(noise)
     winding = WindingTree.of_points(points, areas[:, None] * normals, smoothing * radii)
     cell = _CELLS * float(np.median(radii))
     extractor = WindingExtractor(winding, points, float(areas.sum()), cell, config.resolution, threads)
@@ -71,7 +72,7 @@ def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representat
         base_mesh=extractor,
         projector=projector,
         fingerprint=digest,
-        training_defaults=WINDING_DEFAULTS,
+        training_defaults=CLEAN_DEFAULTS if is_clean(noise) else WINDING_DEFAULTS,
         sample=lambda count, rng: sample_by_landing(*extractor.dense[:2], projector.land, count, rng),
         notes=tuple(notes),
     )

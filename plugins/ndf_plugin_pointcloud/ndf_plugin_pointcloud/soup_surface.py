@@ -33,10 +33,13 @@ _SAMPLES = 300_000
 """Points on the triangles: where the level set is looked for, and what is dilated."""
 _NEIGHBOURS = 50_000
 """Points on the triangles among which the eight nearest neighbours of the paper are found."""
-_RAYS, _LIFT = 20_000, 1e-4
-"""Points from which it is looked whether a side sees the outside, and how far above the triangle, in sizes."""
-_BOUNDARY = 0.75
-"""Least share of the area seen from outside across which w - 1/2 has to change sign."""
+_RAYS, _LIFT = 20_000, 1e-3
+"""Points from which it is looked whether they see the outside, and how far above the triangle, in sizes: above what
+sticks out where corners are off a little."""
+_ENCLOSING = 0.6
+"""Least share of the area seen from outside that the rest has to close up more than not."""
+_ACROSS = 1e-4
+"""Half of the step across a triangle, in sizes."""
 _CLOSED = 0.9
 """Share of the area that bounds the inside, from which landing on the closest triangle is the rule."""
 _RADIUS = 0.01
@@ -58,13 +61,19 @@ def open_soup(source: str | Path | object, config: SoupConfig) -> Surface:
     threads = torch.get_num_threads()
     soup, turned = orient_soup(read, threads=threads)
     tree = WindingTree.of_triangles(soup.vertices, soup.faces)
+    share = enclosing_share(soup, tree, threads)
+    if turned:
+        # Loose triangles that stick out may see the outside from behind; all of them as they are may be better.
+        as_is = WindingTree.of_triangles(read.vertices, read.faces)
+        share_as_is = enclosing_share(read, as_is, threads)
+        if share_as_is > share:
+            soup, turned, tree, share = read, (), as_is, share_as_is
     notes = [*read.notes, *turned]
     if config.method == "auto":
-        share = boundary_share(soup, tree, threads)
-        if share < _BOUNDARY:
+        if share < _ENCLOSING:
             notes.append(
-                f"only {share:.0%} of the area seen from outside bounds what the winding number has inside: taken as "
-                "a dilation of the triangles (--method winding caps it instead)"
+                f"only {share:.0%} of the area seen from outside is closed up by the rest more than not: taken as a "
+                "dilation of the triangles (--method winding caps it instead)"
             )
             return _dilated(soup, config, digest, notes)
     elif config.method == "dilation":
@@ -72,26 +81,20 @@ def open_soup(source: str | Path | object, config: SoupConfig) -> Surface:
     return _wound(soup, tree, config, digest, notes)
 
 
-def boundary_share(soup: Triangles, tree: WindingTree, threads: int = 1, seed: int = 0) -> float:
-    """Share of the area, as the outside sees it, that has w < 1/2 in front and w > 1/2 behind.
+def enclosing_share(soup: Triangles, tree: WindingTree, threads: int = 1, seed: int = 0) -> float:
+    """Share of the area, as the outside sees it from in front, around which the triangles close up more than not.
 
-    Each side of each piece of area counts as much as rays from there escape. 1 for a closed surface, about 1/2 or
-    less for a sheet, which is seen from behind as much as from in front.
+    Beside a triangle w is s - 1/2 in front and s + 1/2 behind, where the other triangles make s: 1/2 if they close up
+    with it, 0 for a flat sheet. Counted is where s > 1/4. Each piece of area counts as much as rays from its front
+    escape. Holes that let one see the inside, and triangles that stick out, hardly change it.
     """
     points, normals, _ = soup.sample(_RAYS, np.random.default_rng(seed))
-    rng = np.random.default_rng(seed + 1)
-    triangles = TriangleBVH(soup.vertices, soup.faces)
-    lift = _LIFT * soup.size
-    front = tree.values(points + lift * normals, threads) < 0.5
-    back = tree.values(points - lift * normals, threads) > 0.5
-    good = total = 0.0
-    for side in (1.0, -1.0):
-        ball = rng.standard_normal(points.shape)
-        ways = side * normals + ball / np.linalg.norm(ball, axis=1, keepdims=True) * (1 - 1e-6)
-        free = triangles.first_hit(points + side * lift * normals, ways, threads)[1] < 0
-        total += float(free.sum())
-        good += float((free & front & back).sum()) if side > 0 else 0.0
-    return good / total if total else 1.0
+    ball = np.random.default_rng(seed + 1).standard_normal(points.shape)
+    ways = normals + ball / np.linalg.norm(ball, axis=1, keepdims=True) * (1 - 1e-6)
+    lift = _LIFT * soup.size * normals
+    free = TriangleBVH(soup.vertices, soup.faces).first_hit(points + lift, ways, threads)[1] < 0
+    both = tree.values(points[free] + lift[free], threads) + tree.values(points[free] - lift[free], threads)
+    return float((both / 2 > 0.25).mean()) if free.any() else 1.0
 
 
 def _wound(soup: Triangles, tree: WindingTree, config: SoupConfig, digest: str, notes: list[str]) -> Surface:
@@ -128,7 +131,7 @@ def _bounding(
     samples, _, face = soup.sample(_SAMPLES, rng)
     points = np.concatenate([samples, soup.vertices[soup.faces].mean(axis=1)])
     vectors = soup.area_vectors[np.concatenate([face, np.arange(len(soup.faces))])]
-    lift = _LIFT * soup.size * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    lift = _ACROSS * soup.size * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     crossed = (tree.values(points + lift, threads) > 0.5) != (tree.values(points - lift, threads) > 0.5)
     if not crossed.any():
         raise InputError("the winding number of the triangles is nowhere one half; --method dilation takes any")

@@ -167,7 +167,7 @@ def test_smoothing_follows_the_noise(shape: trimesh.Trimesh) -> None:
     for noise in (0.0, 0.002, 0.01):
         moved = points + noise * shape.extents.max() * rng.standard_normal(points.shape)
         tree = KDTree(moved)
-        radii = np.sqrt(point_areas(tree) / np.pi)
+        radii = np.sqrt(point_areas(tree, normals) / np.pi)
         found.append(smoothing_for(noise_level(tree, normals, radii)))
     assert found[0] == 1 and found[2] == 2
     assert 1 < found[1] < 2
@@ -181,3 +181,15 @@ def test_the_spatial_order_is_a_permutation_that_keeps_neighbours_together() -> 
     assert steps.mean() < 0.3 * np.linalg.norm(np.diff(points, axis=0), axis=1).mean()
     assert spatial_order(np.ones((5, 3))).tolist() == [0, 1, 2, 3, 4]
     assert len(spatial_order(np.zeros((0, 3)))) == 0
+
+
+def test_the_two_sides_of_a_blade_are_no_noise() -> None:
+    """Nor do they share an area, nor let the weights of the fit take them for noise."""
+    points, normals = cloud(trimesh.creation.box((1, 1, 0.002)), 4000)
+    tree = KDTree(points)
+    areas = point_areas(tree, normals)
+    assert areas.sum() == pytest.approx(2, rel=0.1)
+    assert noise_level(tree, normals, np.sqrt(areas / np.pi)) < 0.02
+    assert open_oriented_points((points, normals), CONFIG).training_defaults["loss"]["cycle"] == 1e3
+    rough = points + 0.01 * np.random.default_rng(0).standard_normal(points.shape)
+    assert open_oriented_points((rough, normals), CONFIG).training_defaults["loss"]["cycle"] == 1e4

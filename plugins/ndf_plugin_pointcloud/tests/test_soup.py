@@ -125,6 +125,19 @@ def test_sheets_become_shells_and_say_so() -> None:
     assert normals is not None and 0.4 < (normals[:, 2] > 0).mean() < 0.6  # both sides
 
 
+def test_rough_loose_triangles_are_no_sheet() -> None:
+    """A tenth is missing, the others stick out and show the inside: what they enclose is still seen."""
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    rng = np.random.default_rng(0)
+    corners = ball.triangles[rng.random(len(ball.faces)) >= 0.1]
+    corners = corners + 0.015 * rng.uniform(-1, 1, corners.shape)  # half of an edge
+    surface = open_soup((corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)), CONFIG)
+    assert not any("dilation" in note or "turned over" in note for note in surface.notes)
+    mesh = surface.base_mesh.extract(600)
+    check_base_mesh(mesh, euler_characteristic=2, components=1)
+    assert np.linalg.norm(mesh.vertices, axis=1) == pytest.approx(1, abs=0.05)
+
+
 def test_what_is_no_soup_is_refused() -> None:
     corners, face = np.eye(3), np.array([[0, 1, 2]])
     for vertices, faces, message in (
