@@ -19,7 +19,10 @@ from ndf_plugin_pointcloud.triangles import Triangles
 
 _MARGIN = 0.05
 """Room around the samples, as a share of the longest side: caps over holes may bulge."""
-_COARSEST = 48
+_COARSEST, _FINEST = 48, 256
+_SMALL = 0.5
+"""Area, in squares of the longest side, below which more than 256 cells are taken along it, for about as many in all:
+a surface that is long for its area is thin. Ordinary ones have 0.6 to 2.5, a sword has 0.11."""
 _MOST_CELLS = 650_000
 """Cells that the level set may go through: the winding number is asked for at some five times as many nodes. Ordinary
 surfaces have 0.1 to 0.6 million at 512 cells along the longest side."""
@@ -34,7 +37,7 @@ class WindingExtractor(BaseMeshExtractor):
         samples: Float[Array, "n 3"],
         area: float,
         cell: float,
-        finest: int,
+        finest: int | None,
         threads: int = 1,
     ) -> None:
         """Hold the field; nothing is evaluated yet.
@@ -44,15 +47,17 @@ class WindingExtractor(BaseMeshExtractor):
             samples: points near all of the level set but the caps over holes.
             area: of the level set without those caps, about, input units; cells are larger where it is so large that
                 too many would be needed.
-            cell: wished size of a cell, input units; finer shows the samples rather than the surface.
-            finest: most cells along the longest side.
+            cell: wished size of a cell, input units; finer shows the samples rather than the surface. 0: the least.
+            finest: most cells along the longest side; None: 256, up to four times as many where the area is small.
             threads: for the field.
         """
         low, high = samples.min(axis=0), samples.max(axis=0)
         side = float((high - low).max())
         margin = _MARGIN * side
+        if finest is None:
+            finest = int(np.clip(_FINEST * side * np.sqrt(_SMALL / max(area, 1e-300)), _FINEST, 4 * _FINEST))
         most = (side + 2 * margin) * np.sqrt(_MOST_CELLS / max(area, 1e-300))
-        resolution = int(np.clip(min((side + 2 * margin) / cell, most), min(_COARSEST, finest), finest))
+        resolution = int(np.clip(min((side + 2 * margin) / max(cell, 1e-300), most), min(_COARSEST, finest), finest))
         # Looked at twice as finely where the topology is not settled, if that is affordable.
         twice = 2 * resolution if 2 * resolution <= most else resolution
         self.resolution = resolution

@@ -24,8 +24,12 @@ class OrientedPointsConfig(BaseModel):
         description="radius over which each point's normal is spread, in radii of the disc that it stands for: more "
         "for noisy points, less for fine detail; none: 1 to 2 by how far neighbours scatter",
     )
-    resolution: int = Field(
-        256, ge=16, le=1024, description="most cells of the base mesh's grid along the longest side"
+    resolution: int | None = Field(
+        None,
+        ge=16,
+        le=1024,
+        description="most cells of the base mesh's grid along the longest side; none: 256, more where the surface "
+        "has little area for its size",
     )
 
 

@@ -27,12 +27,12 @@ class SoupConfig(BaseModel):
         None, gt=0, allow_inf_nan=False, description="of the dilation; none: 1% of the longest side"
     )
     interior: Literal["fill", "keep"] = Field("fill", description="whether a hollow inside of a dilation is filled")
-    resolution: int = Field(
-        256,
+    resolution: int | None = Field(
+        None,
         ge=16,
         le=1024,
         description="most cells of the base mesh's grid along the longest side; fewer where the surface would "
-        "go through more than 650,000 of them",
+        "go through more than 650,000 of them; none: 256, more where the surface has little area for its size",
     )
 
 

@@ -102,8 +102,8 @@ def _wound(soup: Triangles, tree: WindingTree, config: SoupConfig, digest: str, 
     rng = np.random.default_rng(0)
     area = float(np.linalg.norm(soup.area_vectors, axis=1).sum()) / 2
     near, share = _bounding(soup, tree, rng, threads)
-    cell = soup.size / config.resolution
-    extractor = WindingExtractor(tree, near, share * area, cell, config.resolution, threads)
+    # As fine as is allowed.
+    extractor = WindingExtractor(tree, near, share * area, 0.0, config.resolution, threads)
     points, normals, _ = soup.sample(_NEIGHBOURS, rng)
     radii = np.full(len(points), np.sqrt(area / len(points) / np.pi))
     tracing = TracingProjector(tree, Neighbourhood(KDTree(points), normals, radii), soup.size)

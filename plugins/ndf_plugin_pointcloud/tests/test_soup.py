@@ -173,6 +173,15 @@ def test_a_surface_of_very_large_area_is_looked_at_with_larger_cells() -> None:
     assert 48 < cells[2] < 100
 
 
+def test_a_surface_of_very_little_area_is_looked_at_with_smaller_cells() -> None:
+    """Of a unit-long one: a quarter of the area, twice the cells along a side."""
+    rod = trimesh.creation.box((0.01, 0.01, 1))
+    tree = WindingTree.of_triangles(rod.vertices, rod.faces)
+    samples = np.asarray(rod.vertices)
+    cells = [WindingExtractor(tree, samples, area, 0.0, None).resolution for area in (2.0, 0.5, 0.125, 0.001)]
+    assert cells == [256, 256, 512, 1024]
+
+
 def test_weights_are_those_of_what_projections_are_like() -> None:
     """Closest triangles, rays where parts hide in each other, the two sides of a dilation."""
     shape = ring()
