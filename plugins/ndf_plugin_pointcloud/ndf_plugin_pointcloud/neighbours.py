@@ -40,7 +40,7 @@ def noise_and_neighbours(points: Float[Array, "n 3"], threads: int = 1) -> tuple
         inner, outer = (_scatter(points, near[:, :count]) for count in (small, 4 * small))
         noise = max(16 * inner - outer, 0.0) / 15
         curved = max(outer - inner, 0.0) / (15 * small**2)
-        wanted = _BALANCE * (noise / max(2 * curved, 1e-300)) ** (1 / 3)
+        wanted = min(_BALANCE * (noise / max(2 * curved, 1e-300)) ** (1 / 3), _MOST)
         if wanted <= _RELIABLE * small:
             break
     return float(np.sqrt(noise)), float(wanted)

@@ -7,11 +7,16 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.spatial import KDTree
 
 from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.kernels.winding import WindingTree
 from ndf_core.surfaces.dilation import Offset
+from ndf_plugin_pointcloud.areas import point_areas
 from ndf_plugin_pointcloud.local_planes import point_normals
 
+_LIFT = 2.0
+"""Above and below a point, in radii of its disc."""
 _LEAST = 1e-6
 """Added to the weights of edges, since the sparse graph forgets edges of weight 0."""
 
@@ -45,6 +50,22 @@ def oriented_normals(
         outwards = points - (sums / np.bincount(label)[:, None])[label]
     vote = np.sign(signs * np.einsum("nc,nc->n", normals, outwards))
     return (signs * np.where(np.bincount(label, vote)[label] < 0, -1.0, 1.0))[:, None] * normals
+
+
+def enclosing_share(points: Float[Array, "n 3"], normals: Float[Array, "n 3"], threads: int = 1) -> float:
+    """Share of the points that the others close up with: beside them the mean of the winding numbers in front and
+    behind is more than 0.4. It is 1/2 where they close up, 0.35 in the middle of half of a sphere, 0 on a flat sheet.
+
+    Args:
+        points: distinct.
+        normals: unit, all outwards or all inwards.
+        threads: for the search and the field.
+    """
+    areas = point_areas(KDTree(points), normals, threads)
+    radii = np.sqrt(areas / np.pi)
+    tree, lift = WindingTree.of_points(points, areas[:, None] * normals, radii), _LIFT * radii[:, None] * normals
+    both = tree.values(points + lift, threads) + tree.values(points - lift, threads)
+    return float((np.abs(both) / 2 > 0.4).mean())
 
 
 def outward_vectors(points: Float[Array, "n 3"], offset: Offset, threads: int = 1) -> Float[Array, "n 3"]:

@@ -25,10 +25,11 @@ class PointsConfig(BaseModel):
         "points where none does",
     )
     interior: Literal["fill", "keep"] = Field("fill", description="whether a hollow inside is filled")
-    open: Literal["shell", "cap"] = Field(
-        "shell",
+    open: Literal["auto", "shell", "cap"] = Field(
+        "auto",
         description="what becomes of points that close around nothing: a closed shell as thick as the dilation, or, "
-        "with estimated normals, a surface that the winding number caps",
+        "with estimated normals, a surface that the winding number caps; auto: the latter where the points close up "
+        "but for holes, or are a solid too thin to be dilated",
     )
     orient: bool = Field(
         False, description="estimate normals and go on as `oriented-points`, which takes more detail from the points"

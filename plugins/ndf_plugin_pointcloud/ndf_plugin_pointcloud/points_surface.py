@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from numpy import ndarray as Array
 
 from ndf_core.interfaces import Surface
 from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, eroded, offset_surface, sampling_spacing
@@ -15,7 +17,7 @@ from ndf_plugin_pointcloud.level_set_mesh import sample_by_landing
 from ndf_plugin_pointcloud.local_planes import LocalDiscs
 from ndf_plugin_pointcloud.local_quadrics import LocalQuadrics
 from ndf_plugin_pointcloud.neighbours import PLANE_NEIGHBOURS, noise_and_neighbours, quadric_neighbours
-from ndf_plugin_pointcloud.orientation import oriented_normals, outward_vectors
+from ndf_plugin_pointcloud.orientation import enclosing_share, oriented_normals, outward_vectors
 from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
 from ndf_plugin_pointcloud.oriented_surface import point_array, winding_surface
 from ndf_plugin_pointcloud.point_file import PointCloud, point_cloud, read_point_file
@@ -28,6 +30,8 @@ _WIDEST_SPACINGS = 3.0
 """... in spacings, where that is more."""
 _EROSION = 0.7
 """Of a solid's dilation, in radii: its base mesh then begins near the points, and still closes their gaps."""
+_ENCLOSING = 0.6
+"""Least share of the points that close up. Thin solids and scans with holes had 0.8 and more, sheets up to 0.1."""
 _LIMIT = 3.0
 """Queries farther than so many radii from all points are over a gap."""
 
@@ -62,13 +66,14 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
     noise, wanted = noise_and_neighbours(points, threads)
     if wanted > PLANE_NEIGHBOURS:
         notes.append(f"the points have noise of about {noise:.2g} along the normals (standard deviation)")
-    if config.orient or (closing is None and config.open == "cap"):
+    if config.orient or (closing is None and config.open != "shell"):
         outwards = None if closing is None else outward_vectors(points, offset_surface(points, radius), threads)
         count = config.neighbours or max(PLANE_NEIGHBOURS, round(wanted))
         normals = oriented_normals(points, count, outwards, threads)
-        notes.append("normals estimated; the surface is where their winding number is one half, which caps gaps")
-        oriented = PointCloud(points, normals, tuple(notes))
-        return winding_surface(oriented, OrientedPointsConfig.model_validate({}), "points", digest)
+        if config.orient or config.open == "cap" or _is_solid(points, normals, config, threads):
+            notes.append("normals estimated; the surface is where their winding number is one half, which caps gaps")
+            oriented = PointCloud(points, normals, tuple(notes))
+            return winding_surface(oriented, OrientedPointsConfig.model_validate({}), "points", digest)
     offset = offset_surface(points, radius, config.interior)
     solid = closing is not None and config.interior == "fill"
     if solid:
@@ -98,3 +103,10 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
         ),
         notes=tuple(notes),
     )
+
+
+def _is_solid(points: Float[Array, "n 3"], normals: Float[Array, "n 3"], config: PointsConfig, threads: int) -> bool:
+    """Whether points that no dilation closes have an inside all the same; not where a dilation is asked for."""
+    if config.radius is not None or config.interior == "keep":
+        return False
+    return enclosing_share(points, normals, threads) > _ENCLOSING

@@ -92,6 +92,18 @@ def test_an_open_sheet_becomes_a_shell(bowl: np.ndarray) -> None:
     assert np.abs(height).std() < 0.05 * np.abs(height).mean()
 
 
+def test_a_solid_too_thin_to_be_dilated_is_a_solid() -> None:
+    """Its points close around nothing before their balls fill it."""
+    plate = trimesh.creation.box((1, 1, 0.06))
+    points = cloud(plate, 6000)[0]
+    surface = open_points(points, PointsConfig())
+    assert "close around nothing" in surface.notes[0] and "one half" in surface.notes[-1]
+    mesh = surface.base_mesh.extract(600)
+    check_base_mesh(mesh, euler_characteristic=2, components=1)
+    assert off_surface(plate, mesh.vertices).mean() < 5e-3
+    assert "shell" in open_points(points, PointsConfig(open="shell")).notes[-1]
+
+
 def test_or_a_capped_solid(bowl: np.ndarray) -> None:
     surface = open_points(bowl, PointsConfig(open="cap"))
     mesh = surface.base_mesh.extract(600)
