@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -33,6 +33,9 @@ THIN_EVEN = 0.02
 UNDONE_AREA = 0.001
 """Self-intersections of the input in a smaller share of its area are treated like those that decimation makes."""
 
+Importance = Callable[[Float[Array, "n 3"]], Float[Array, " n"]]
+"""Positive factors of the error at points: where they are large, more faces stay."""
+
 
 def coarsen(
     vertices: Float[Array, "v 3"],
@@ -40,6 +43,7 @@ def coarsen(
     max_faces: int,
     *,
     remarks: Sequence[Remark] = (),
+    importance: Importance | None = None,
 ) -> BaseMesh:
     """Decimate a manifold mesh, closed or with boundary, to about `max_faces` well-shaped faces.
 
@@ -51,6 +55,7 @@ def coarsen(
         faces: An oriented manifold, outwards where closed.
         max_faces: At most so many, and close to it, also where the input has fewer: its long edges are split.
         remarks: What is known already; the base mesh carries them too.
+        importance: Factor of the error at each point; none: 1 everywhere.
 
     Raises:
         BaseMeshError: the input is not such a mesh.
@@ -63,7 +68,7 @@ def coarsen(
     vertices, faces = split_long_edges(vertices, faces, length, most)
     target = max_faces
     while True:
-        mesh = _without_new_intersections(vertices, faces, target)
+        mesh = _without_new_intersections(vertices, faces, target, importance)
         try:
             check_base_mesh(
                 mesh,
@@ -91,11 +96,15 @@ def _not_reached(reached: int, max_faces: int) -> Remark:
     return Remark(kind="faces_not_reached", message=message, count=reached)
 
 
-def _without_new_intersections(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], max_faces: int) -> BaseMesh:
+def _without_new_intersections(
+    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], max_faces: int, importance: Importance | None
+) -> BaseMesh:
     """Decimate; where the result runs through itself and the input does not, untangle it, or decimate again with more
     faces there."""
     edge = even_edge_length(vertices, faces, max_faces)
     weights, attempts = thin_weights(vertices, faces, edge), list[tuple[int, BaseMesh]]()
+    if importance is not None:
+        weights = weights * importance(vertices)
     inherited: Int[Array, " n"] | None = None
     thinnest = min(THIN, THIN_EVEN * edge / longest_side(vertices))
     while len(attempts) < (RETRIES if inherited is None or not len(inherited) else 1):

@@ -69,6 +69,10 @@ class GaussiansConfig(BaseModel):
         description="side that the object stands on, from where it was not seen: it is closed there with a flat cap; "
         "none: as open as the splats leave it",
     )
+    thicken: bool = Field(
+        default=True,
+        description="give a flat sheet without thickness, such as a floor, some behind the side that was seen",
+    )
     projection: Literal["smooth", "centre"] = Field(
         "smooth", description="onto a smooth surface through the visible splats, or onto the closest centre"
     )

@@ -63,6 +63,8 @@ class Layer:
     """Those of the opaque ones that are as near to the solid's boundary."""
     invented: float
     """Share of the solid's boundary that has no splats near it."""
+    thinnest: float = np.inf
+    """Thickness of what was given one."""
 
 
 def visible_layer(
@@ -103,13 +105,13 @@ def visible_layer(
         points=points,
         normals=np.concatenate([layer_normals, gap_normals]),
         weights=np.concatenate([np.minimum(total / spacing**2, 1.0), gap_weights]),
-        detail=_spacing_at(points, opaque),
+        detail=spacing_at(points, opaque),
         centres=opaque[boundary.closest(opaque)[0] <= _SLACK * depth],
         invented=float(empty.mean()),
     )
 
 
-def _spacing_at(points: Float[Array, "n 3"], centres: Float[Array, "k 3"]) -> Float[Array, " n"]:
+def spacing_at(points: Float[Array, "n 3"], centres: Float[Array, "k 3"]) -> Float[Array, " n"]:
     """Distance of each point from the sixth nearest centre, or the last where there are fewer."""
     found = KDTree(centres).query(
         points,

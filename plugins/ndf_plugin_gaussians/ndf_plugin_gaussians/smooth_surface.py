@@ -1,32 +1,46 @@
-"""The surface through the visible layer, as smooth as the centres' own scatter allows."""
+"""The surface through the visible layer: smooth, and near to the opaque centres where these are many."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
+from scipy import ndimage
 from scipy.spatial import KDTree
 
 from ndf_plugin_gaussians.grid import Grid
-from ndf_plugin_gaussians.layer import Boundary, Layer
-from ndf_plugin_gaussians.poisson import ScreenedPoisson
+from ndf_plugin_gaussians.layer import Boundary, Layer, spacing_at
+from ndf_plugin_gaussians.poisson import screened_poisson
 from ndf_plugin_gaussians.solid import Ground, meshed
 
-_WEAKEST, _STRONGEST, _FACTOR = 4.0, 64.0, np.sqrt(2.0)
-"""How strongly a centre holds the surface: the first of these whose surface is near enough to the centres."""
-_ENOUGH = 1.0
-"""Median distance of the centres from the surface, in those from the planes of their neighbours."""
-_LEAST = 0.05
-"""Cells below which the distance is no longer told from none."""
-_SMOOTH, _SHEET = (1.2, 0.1), (0.7, 8.0)
-"""Standard deviation in cells that normals are smoothed with, and how strongly pieces hold the surface. A wide one
-gives a smoother surface between centres, but the sides of a sheet without thickness cancel, and it is gone; and its
-centres hold neither side, as they lie between."""
+_BLUR, _WIDEST = 10.0, 3.0
+"""Standard deviation that normals are smoothed with, in scatters of the centres, and at most so many cells ..."""
+_SIDES = 2.5
+"""... and so many of them fit into a slab, whose sides would cancel otherwise."""
+_SCREENING = 0.1
+"""How strongly pieces hold the surface: little, so that between centres it is even."""
+_SHEET = (0.7, 8.0)
+"""The same, in cells, where there are sheets without thickness: their sides would cancel."""
 _REACHED = 0.9
 """Share of the centres near the solid's boundary that the smooth surface must pass by, or there are sheets."""
+_NEAR = 3.0
+"""What is as near to the surface, in cells, it passes by; those centres decide its level."""
+_REACH = 2.0
+"""Centres farther away, in cells, do not draw it."""
+_NARROWEST, _WIDTH = 0.8, 0.7
+"""Standard deviation of a centre's pull, in cells, and in distances of a centre from its fifth neighbour ..."""
+_FIRST = (2.0, 1.4)
+"""... times these at first, so that edges are drawn as lines."""
+_STEADY = 0.6
+"""Share of the usual density of centres; where there is so little, half of what they ask for is done."""
+_GOAL = 1.22
+"""Median distance of the centres from the surface that is near enough, in scatters: their median distance from the
+planes of their neighbours."""
+_MOST = 60
+"""Pulls."""
+_LEAST = 0.05
+"""Cells below which the distance is no longer told from none."""
 _NEIGHBOURS = 25
-_NEAR = 1.5
-"""Centres this near to the surface, in cells, decide its level."""
 
 
 def smooth_surface(
@@ -34,12 +48,11 @@ def smooth_surface(
 ) -> Float[Array, "x y z"]:
     """Numbers that are positive inside and change by about 1 from node to node near the surface.
 
-    Its hold on the centres grows until they are hardly farther from it than from the planes of their neighbours, in
-    the median: what is nearer follows their scatter. A centre counts the less the more scatters it is away, since
-    splats lie behind others. The level that halves the centres near the surface is the surface, as smoothing draws
-    it inwards.
-
-    Below the ground nothing is left.
+    A reconstruction from widely smoothed normals is smooth, but rounds off details. It is drawn to the centres, all
+    of them together: what it misses them by, averaged over about their spacing, is taken from its numbers, again and
+    again, until it is hardly farther from them than they are from the planes of their neighbours, in the
+    median: what is nearer follows their scatter. A centre counts the less the more scatters it is away, since splats
+    lie behind others. Below the ground nothing is left.
 
     Args:
         grid: where the numbers are wanted.
@@ -47,44 +60,87 @@ def smooth_surface(
         opaque: centres of opaque splats.
         ground: that the object stands on.
 
-    Reference: Morozov's discrepancy principle, for the strength; Cauchy's weights, from the strength before.
+    Reference: Lee, Wolberg and Shin, Scattered data interpolation with multilevel B-splines, 1997 (corrections from
+    wide to narrow); Morozov's discrepancy principle, for when to stop.
     """
-    poisson = _reconstruction(grid, layer)
-    scatter = max(float(np.median(plane_distances(opaque))), _LEAST * grid.step)
-    strength = _WEAKEST
-    chi = poisson.solve(np.zeros(len(layer.centres)))
-    while True:
-        slope = float(np.median(grid.values(np.linalg.norm(np.gradient(chi), axis=0), opaque)))
-        value = grid.values(chi, opaque)
-        near = np.abs(value) <= _NEAR * slope
-        level = float(np.median(value[near])) if near.any() else 0.0
-        field = (chi - level) / slope
-        if strength > _STRONGEST or _misfit(field, grid, opaque) <= _ENOUGH * scatter:
+    scatter = max(float(np.median(plane_distances(opaque))) / grid.step, _LEAST)
+    spacing = float(np.median(spacing_at(opaque, opaque))) / grid.step
+    # Numbers at the centres are less than distances, about in proportion, and much cheaper: those tell when to look.
+    goal = wanted = _GOAL * scatter
+    before = after = _reconstruction(grid, layer, opaque, scatter)
+    for number in range(_MOST):
+        width = max(_NARROWEST, _WIDTH * spacing) * (_FIRST[number] if number < len(_FIRST) else 1.0)
+        before, after = after, _drawn(after, grid, layer.centres, scatter, width, _STEADY * _usual(spacing))
+        rough = float(np.median(np.abs(grid.values(after, opaque))))
+        if rough > wanted:
+            continue
+        near = _misfit(_above(ground, after, grid), grid, opaque)
+        if near <= goal:
+            far = _misfit(_above(ground, before, grid), grid, opaque)
+            share = (far - goal) / (far - near) if far > goal else 0.0
+            after = after if np.isinf(far) else before + share * (after - before)
             break
-        away = grid.values(chi, layer.centres) / slope
-        chi = poisson.solve(strength / (1.0 + (away * grid.step / scatter) ** 2))
-        strength *= _FACTOR
-    if ground is not None:
-        index = np.indices(grid.shape).reshape(3, -1).T
-        field = np.minimum(field, ground.height(grid.nodes(index)).reshape(grid.shape) / grid.step)
-    return field
+        if np.isfinite(near):
+            wanted = rough * goal / near
+    return _above(ground, after, grid)
 
 
-def _reconstruction(grid: Grid, layer: Layer) -> ScreenedPoisson:
-    """The smooth one, if it passes by the layer's centres though nothing holds it to them."""
-    poisson = ScreenedPoisson(grid, layer, *_SMOOTH)
-    chi = poisson.solve(np.zeros(len(layer.centres)))
+def _reconstruction(grid: Grid, layer: Layer, opaque: Float[Array, "k 3"], scatter: float) -> Float[Array, "x y z"]:
+    """From smooth normals, if it passes by the layer's centres; in cells, and such that it halves the opaque ones."""
+    blur = min(_BLUR * scatter, _WIDEST, layer.thinnest / grid.step / _SIDES)
+    chi = screened_poisson(grid, layer, blur, _SCREENING)
     slopes = grid.values(np.linalg.norm(np.gradient(chi), axis=0), layer.points)
     away = np.abs(grid.values(chi, layer.centres))
-    reached = (away <= _NEAR * np.median(slopes)).sum() >= _REACHED * len(away)
-    return poisson if reached else ScreenedPoisson(grid, layer, *_SHEET)
+    if (away <= _NEAR * np.median(slopes)).sum() < _REACHED * len(away):
+        chi = screened_poisson(grid, layer, *_SHEET)
+    slope = float(np.median(grid.values(np.linalg.norm(np.gradient(chi), axis=0), opaque)))
+    value = grid.values(chi, opaque)
+    near = np.abs(value) <= _NEAR * slope
+    return (chi - (float(np.median(value[near])) if near.any() else 0.0)) / slope
+
+
+def _usual(spacing: float) -> float:
+    """Centres per area, in cells, whose fifth neighbour is so far away."""
+    return 5.0 / (np.pi * spacing**2)
+
+
+def _drawn(
+    field: Float[Array, "x y z"],
+    grid: Grid,
+    centres: Float[Array, "k 3"],
+    scatter: float,
+    width: float,
+    steady: float,
+) -> Float[Array, "x y z"]:
+    """The field less what it is at the centres, averaged over `width`; all in cells."""
+    value = grid.values(field, centres)
+    weight = (np.abs(value) <= _REACH) / (1.0 + (value / scatter) ** 2)
+    asked, count = (
+        ndimage.gaussian_filter(
+            grid.deposit(centres, amount).astype(np.float32), width, mode="constant", truncate=3.0
+        )
+        for amount in (weight * value, weight)
+    )
+    # A layer of `steady` centres per area has so much in its middle.
+    return field - asked / (count + steady / (np.sqrt(2.0 * np.pi) * width))
+
+
+def _above(ground: Ground | None, field: Float[Array, "x y z"], grid: Grid) -> Float[Array, "x y z"]:
+    """The field, cut flat at the ground."""
+    if ground is None:
+        return field
+    axis, sign = ground.side
+    along = (ground.level - grid.low[axis]) / grid.step - np.arange(grid.shape[axis])
+    shape = [1, 1, 1]
+    shape[axis] = -1
+    return np.minimum(field, (sign * along).reshape(shape))
 
 
 def _misfit(field: Float[Array, "x y z"], grid: Grid, opaque: Float[Array, "k 3"]) -> float:
-    """Median distance of the centres from the surface, in input units; infinite where there is none."""
+    """Median distance of the centres from the surface, in cells; infinite where there is none."""
     if not (field > 0).any():
         return np.inf
-    return float(np.median(Boundary(meshed(field, grid)).closest(opaque)[0]))
+    return float(np.median(Boundary(meshed(field, grid)).closest(opaque)[0])) / grid.step
 
 
 def plane_distances(points: Float[Array, "n 3"]) -> Float[Array, " n"]:

@@ -1,5 +1,5 @@
-"""Screened Poisson reconstruction on a grid: spheres come back, gaps are bridged, where centres are far apart their
-scatter does not count, and those behind others do not draw the surface in."""
+"""Screened Poisson reconstruction on a grid, and the surface drawn from it to the centres: spheres come back, gaps
+are bridged, detail comes back and scatter does not, and centres behind others do not draw the surface in."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from ndf_plugin_gaussians.distances import like_distances
 from ndf_plugin_gaussians.grid import Grid
 from ndf_plugin_gaussians.layer import Boundary, Layer
-from ndf_plugin_gaussians.poisson import ScreenedPoisson
+from ndf_plugin_gaussians.poisson import screened_poisson
 from ndf_plugin_gaussians.smooth_surface import plane_distances, smooth_surface
 from ndf_plugin_gaussians.solid import Ground, meshed
 
@@ -28,8 +28,8 @@ def layer(points: np.ndarray, normals: np.ndarray, centres: np.ndarray | None = 
     return Layer(points, normals, np.ones(len(points)), detail, points if centres is None else centres, 0.0)
 
 
-def held(given: Layer, strength: float) -> np.ndarray:
-    return ScreenedPoisson(GRID, given, 0.7, 0.1).solve(np.full(len(given.centres), strength))
+def held(given: Layer) -> np.ndarray:
+    return screened_poisson(GRID, given, 0.7, 256.0)
 
 
 def nodes(grid: Grid) -> np.ndarray:
@@ -43,7 +43,7 @@ def radii(field: np.ndarray) -> np.ndarray:
 
 def test_points_of_a_sphere_give_the_sphere() -> None:
     normals = directions(4000)
-    field = held(layer(normals, normals), 16.0)
+    field = held(layer(normals, normals))
     inside = np.linalg.norm(nodes(GRID), axis=1).reshape(GRID.shape) < 1.0
     away = np.abs(np.linalg.norm(nodes(GRID), axis=1).reshape(GRID.shape) - 1.0) > GRID.step
     assert ((field > 0) == inside)[away].all()
@@ -53,17 +53,24 @@ def test_points_of_a_sphere_give_the_sphere() -> None:
 def test_gaps_are_bridged() -> None:
     normals = directions(4000)
     normals = normals[normals[:, 2] < np.cos(np.radians(25))]
-    mesh = meshed(4.0 * held(layer(normals, normals), 16.0), GRID)
+    mesh = meshed(4.0 * held(layer(normals, normals)), GRID)
     over = mesh.vertices[(np.hypot(*mesh.vertices[:, :2].T) < 0.3) & (mesh.vertices[:, 2] > 0)]
     # Between the plane through the rim of the gap, a little below it, and the sphere.
     assert 0.8 < over[:, 2].min() <= over[:, 2].max() < 1.05
 
 
-def test_scatter_counts_less_where_centres_are_far_apart() -> None:
-    normals = directions(4000)
-    points = normals * (1.0 + 0.5 * GRID.step * np.random.default_rng(0).standard_normal((4000, 1)))
-    dense, sparse = (radii(4.0 * held(layer(normals, normals, points[::every]), 4.0)).std() for every in (1, 32))
-    assert sparse < 0.5 * dense
+def test_detail_comes_back_and_scatter_does_not() -> None:
+    normals = directions(16000)
+    deep = 0.6 * GRID.step
+    # Waves as long as ten cells, that wide smoothing takes away.
+    waves = deep * np.sin(10 * normals[:, 2])
+    scatter = 0.3 * GRID.step * np.random.default_rng(0).standard_normal(len(normals))
+    centres = normals * (1.0 + waves + scatter)[:, None]
+    found = meshed(smooth_surface(GRID, layer(normals, normals, centres), centres, None), GRID).vertices
+    radius = np.linalg.norm(found, axis=1)
+    away = radius - 1.0 - deep * np.sin(10 * found[:, 2] / radius)
+    assert away.std() < 0.65 * scatter.std()
+    assert away.std() < 0.5 * waves.std()
 
 
 def test_centres_behind_others_do_not_draw_the_surface_in() -> None:

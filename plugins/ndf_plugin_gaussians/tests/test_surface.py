@@ -14,7 +14,7 @@ from ndf_plugin_gaussians.grid import Grid
 from ndf_plugin_gaussians.openness import find_ground, openness
 from ndf_plugin_gaussians.solid import meshed
 from ndf_plugin_gaussians.splats import Splats
-from splat_shapes import joined, on_surface, open_box, sphere
+from splat_shapes import floor, joined, on_surface, open_box, sphere
 
 from ndf_core.errors import BaseMeshError, InputError
 from ndf_core.interfaces import Surface
@@ -98,6 +98,31 @@ def test_a_box_open_underneath_is_closed_where_it_stands() -> None:
 
 def test_a_closed_thing_stands_on_nothing() -> None:
     assert not any("stands on" in note for note in opened(sphere()).notes)
+
+
+def test_a_floor_becomes_a_slab_behind_the_side_that_things_stand_on() -> None:
+    ball = sphere(1500)
+    ball = replace(ball, centres=0.5 * ball.centres + np.array([0, 0, 0.5]))
+    surface = opened(joined(floor(), ball))
+    assert any("seen from (0.00, 0.00, 1.00)" in note.replace("-0.00", "0.00") for note in surface.notes)
+    vertices = surface.base_mesh.extract(2000).vertices
+    aside = vertices[(np.abs(vertices[:, :2]).max(axis=1) < 1.8) & (np.hypot(*vertices[:, :2].T) > 0.9)]
+    assert np.abs(aside[aside[:, 2] > -0.05, 2]).max() < 0.03  # the side that was seen stays
+    assert 0.1 < -aside[aside[:, 2] < -0.05, 2].mean() < 0.3
+    assert not any("sheet" in note for note in opened(joined(floor(), ball), thicken=False).notes)
+
+
+def test_a_ball_and_a_box_are_no_sheets() -> None:
+    for splats in (sphere(), open_box()):
+        assert not any("sheet" in note for note in opened(splats).notes)
+
+
+def test_faces_stay_where_centres_are_dense() -> None:
+    dense = sphere(6000)
+    splats = joined(sphere(), dense.take(dense.centres[:, 2] > 0))
+    base = opened(splats).base_mesh.extract(1000)
+    above = base.vertices[base.faces].mean(axis=1)[:, 2] > 0
+    assert 1.2 < above.sum() / (~above).sum() < 4.0
 
 
 def test_small_holes_do_not_let_the_outside_in() -> None:

@@ -43,6 +43,12 @@ def open_box(count: int = 4000, seed: int = 0) -> Splats:
     return on_surface(points, normals, 0.06)
 
 
+def floor(count: int = 4000, seed: int = 1) -> Splats:
+    """The square [-2, 2]^2 at height 0."""
+    points = np.random.default_rng(seed).uniform(-2, 2, (count, 3)) * [1.0, 1.0, 0.0]
+    return on_surface(points, np.tile([0.0, 0.0, 1.0], (count, 1)), 0.06)
+
+
 def joined(*parts: Splats) -> Splats:
     names = ("centres", "scales", "rotations", "opacities", "colours")
     return Splats(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
