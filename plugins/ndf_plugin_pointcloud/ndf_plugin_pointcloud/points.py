@@ -29,7 +29,7 @@ class PointsConfig(BaseModel):
         "auto",
         description="what becomes of points that close around nothing: a closed shell as thick as the dilation, or, "
         "with estimated normals, a surface that the winding number caps; auto: the latter where the points close up "
-        "but for holes, or are a solid too thin to be dilated",
+        "but for holes, are a solid too thin to be dilated, or close only with balls wider than 2.5 spacings",
     )
     orient: bool = Field(
         False, description="estimate normals and go on as `oriented-points`, which takes more detail from the points"

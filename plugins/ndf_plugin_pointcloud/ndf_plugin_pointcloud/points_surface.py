@@ -30,6 +30,8 @@ _WIDEST_SPACINGS = 3.0
 """... in spacings, where that is more."""
 _EROSION = 0.7
 """Of a solid's dilation, in radii: its base mesh then begins near the points, and still closes their gaps."""
+_WIDE = 2.5
+"""Balls of more spacings, where gaps need them, fill what lies apart too. Ordinary clouds close at 1.2 to 2."""
 _ENCLOSING = 0.6
 """Least share of the points that close up. Thin solids and scans with holes had 0.8 and more, sheets up to 0.1."""
 _LIMIT = 3.0
@@ -66,11 +68,13 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
     noise, wanted = noise_and_neighbours(points, threads)
     if wanted > PLANE_NEIGHBOURS:
         notes.append(f"the points have noise of about {noise:.2g} along the normals (standard deviation)")
-    if config.orient or (closing is None and config.open != "shell"):
+    wide = closing is None or closing > _WIDE * spacing
+    if config.orient or (wide and config.open != "shell"):
         outwards = None if closing is None else outward_vectors(points, offset_surface(points, radius), threads)
         count = config.neighbours or max(PLANE_NEIGHBOURS, round(wanted))
         normals = oriented_normals(points, count, outwards, threads)
-        if config.orient or config.open == "cap" or _is_solid(points, normals, config, threads):
+        capped = config.orient or (closing is None and config.open == "cap")
+        if capped or _is_solid(points, normals, config, threads):
             notes.append("normals estimated; the surface is where their winding number is one half, which caps gaps")
             oriented = PointCloud(points, normals, tuple(notes))
             return winding_surface(oriented, OrientedPointsConfig.model_validate({}), "points", digest)
@@ -106,7 +110,7 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
 
 
 def _is_solid(points: Float[Array, "n 3"], normals: Float[Array, "n 3"], config: PointsConfig, threads: int) -> bool:
-    """Whether points that no dilation closes have an inside all the same; not where a dilation is asked for."""
+    """Whether points that no close dilation closes have an inside; not where a dilation is asked for."""
     if config.radius is not None or config.interior == "keep":
         return False
     return enclosing_share(points, normals, threads) > _ENCLOSING
