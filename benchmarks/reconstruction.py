@@ -10,6 +10,7 @@ shapes are checked: the exit status is 1 if one is not met.
 Needs Open3D (`pip install open3d`; on Linux libusb-1.0 too). Rows that are there already are kept unless --again.
 
     python benchmarks/reconstruction.py [NAME ...] [--steps 2000] [--pictures FOLDER] [--table]
+    python benchmarks/reconstruction.py --shapes oded_sword.obj --seed 77 --ours-only --output other.json
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ import torch
 from jaxtyping import Float, Int
 from ndf_plugin_pointcloud.triangles import Triangles
 from numpy import ndarray as Array
-from reconstruction_inputs import Input, inputs
+from reconstruction_inputs import Input, inputs, of_shapes
 from reconstruction_methods import METHODS, Mesh, used
 from scipy.spatial import KDTree
 
@@ -74,6 +75,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", help="inputs whose names contain one of these")
     parser.add_argument("--data", type=Path, default=HERE.parent.parent / "shared" / "data")
+    parser.add_argument("--shapes", nargs="+", metavar="FILE", help="other closed meshes instead of all these inputs")
+    parser.add_argument("--seed", type=int, default=0, help="of the points on them")
     parser.add_argument("--faces", type=int, default=4000)
     parser.add_argument("--steps", type=int, default=2000)
     parser.add_argument("--again", action="store_true", help="measure rows that are there already")
@@ -86,7 +89,7 @@ def main() -> int:
     kept = json.loads(given.output.read_text())["rows"] if given.output.exists() else []
     rows = {(row["input"], row["method"]): Row(**row) for row in kept}
     if not given.table:
-        for item in inputs(given.data):
+        for item in of_shapes(given.data, given.shapes, given.seed) if given.shapes else inputs(given.data):
             if given.names and not any(name in item.name for name in given.names):
                 continue
             done = set() if given.again else {method for name, method in rows if name == item.name}
@@ -195,6 +198,7 @@ def table(rows: dict[tuple[str, str], Row]) -> str:
 
 def picture(item: Input, meshes: dict[str, Mesh]) -> Any:
     reference = item.shape[0] if item.shape is not None else item.points
+    assert reference is not None
     camera = Camera.framing(reference, (30, 20), aspect=1.0)
     images = [render_mesh(m.vertices, m.faces, width=420, height=420, view=camera) for m in meshes.values()]
     return panels(images, list(meshes), item.name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -59,9 +59,7 @@ class Input:
 
 def inputs(data: Path) -> Iterator[Input]:
     """Known shapes first."""
-    for name in SHAPES:
-        raw = read_mesh_file(data / "mesh" / name)
-        yield from of_shape(Path(name).stem, raw.vertices, raw.faces)
+    yield from of_shapes(data, SHAPES)
     for name in CLOUDS:
         cloud = read_point_file(data / "pointcloud" / name)
         known = cloud.normals is not None
@@ -71,15 +69,22 @@ def inputs(data: Path) -> Iterator[Input]:
         yield Input(path.stem, path, representation, cloud.points, cloud.normals, known, ours=ours)
     for name in SPLATS:
         path = data / "splat" / name
-        splats = filter_splats(read_splat_file(path)[0], GaussiansConfig(), name)[0]
+        splats = filter_splats(read_splat_file(path)[0], GaussiansConfig.model_validate({}), name)[0]
         splats = splats.take(splats.opacities > OPAQUE)
         thinnest = splats.frames()[np.arange(len(splats)), :, splats.scales.argmin(axis=1)]
         yield Input(f"splats {path.stem}", path, "gaussians", splats.centres, thinnest, oriented=False)
 
 
-def of_shape(name: str, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Iterator[Input]:
+def of_shapes(data: Path, names: Iterable[str], seed: int = 0) -> Iterator[Input]:
+    """The four inputs of each of some closed meshes."""
+    for name in names:
+        raw = read_mesh_file(data / "mesh" / name)
+        yield from of_shape(Path(name).stem, raw.vertices, raw.faces, seed)
+
+
+def of_shape(name: str, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], seed: int) -> Iterator[Input]:
     """The four inputs of a closed mesh that have a limit."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     shape, size = (vertices, faces), float(np.ptp(vertices, axis=0).max())
     points, normals, _ = Triangles(vertices, faces.astype(np.int64), ()).sample(POINTS, rng)
     clean = (points, normals)
