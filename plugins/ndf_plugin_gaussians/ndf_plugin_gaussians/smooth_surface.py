@@ -27,13 +27,12 @@ _NEAR = 3.0
 """What is as near to the surface, in cells, it passes by; those centres decide its level."""
 _REACH = 2.0
 """Centres farther away, in cells, do not draw it."""
-_NARROWEST, _WIDTH = 0.8, 0.7
-"""Standard deviation of a centre's pull, in cells, and in distances of a centre from its fifth neighbour ..."""
-_FIRST = (2.0, 1.4)
-"""... times these at first, so that edges are drawn as lines."""
-_STEADY = 0.6
-"""Share of the usual density of centres; where there is so little, half of what they ask for is done."""
-_GOAL = 1.22
+_NARROWEST, _WIDTH = 0.6, 0.6
+"""Standard deviation of a centre's pull, in cells, and in distances of a centre from its fifth neighbour."""
+_LEVELS = ((4.0, 0.1), (1.0, 0.6))
+"""Widths, in that one, and shares of the usual density of centres. Where there is so little, half of what they ask
+for is done, and half of what those of the width before do: edges with few centres are drawn as lines, not beads."""
+_GOAL = 1.21
 """Median distance of the centres from the surface that is near enough, in scatters: their median distance from the
 planes of their neighbours."""
 _MOST = 60
@@ -50,9 +49,9 @@ def smooth_surface(
 
     A reconstruction from widely smoothed normals is smooth, but rounds off details. It is drawn to the centres, all
     of them together: what it misses them by, averaged over about their spacing, is taken from its numbers, again and
-    again, until it is hardly farther from them than they are from the planes of their neighbours, in the
-    median: what is nearer follows their scatter. A centre counts the less the more scatters it is away, since splats
-    lie behind others. Below the ground nothing is left.
+    again, until it is hardly farther from them than they are from the planes of their neighbours, in the median: what
+    is nearer follows their scatter. A centre counts the less the more scatters it is away, since splats lie behind
+    others; and the level is the one that is nearest to them. Below the ground nothing is left.
 
     Args:
         grid: where the numbers are wanted.
@@ -68,10 +67,12 @@ def smooth_surface(
     # Numbers at the centres are less than distances, about in proportion, and much cheaper: those tell when to look.
     goal = wanted = _GOAL * scatter
     before = after = _reconstruction(grid, layer, opaque, scatter)
-    for number in range(_MOST):
-        width = max(_NARROWEST, _WIDTH * spacing) * (_FIRST[number] if number < len(_FIRST) else 1.0)
-        before, after = after, _drawn(after, grid, layer.centres, scatter, width, _STEADY * _usual(spacing))
-        rough = float(np.median(np.abs(grid.values(after, opaque))))
+    for _ in range(_MOST):
+        before, after = after, _drawn(after, grid, layer.centres, scatter, spacing)
+        value = grid.values(after, opaque)
+        level = _densest_half(value)
+        after -= level
+        rough = float(np.median(np.abs(value - level)))
         if rough > wanted:
             continue
         near = _misfit(_above(ground, after, grid), grid, opaque)
@@ -99,30 +100,29 @@ def _reconstruction(grid: Grid, layer: Layer, opaque: Float[Array, "k 3"], scatt
     return (chi - (float(np.median(value[near])) if near.any() else 0.0)) / slope
 
 
-def _usual(spacing: float) -> float:
-    """Centres per area, in cells, whose fifth neighbour is so far away."""
-    return 5.0 / (np.pi * spacing**2)
+def _densest_half(values: Float[Array, " n"]) -> float:
+    """Middle of the shortest interval that holds half of the values: the one with the least median distance."""
+    ordered = np.sort(values)
+    half = len(ordered) // 2
+    first = int(np.argmin(ordered[half:] - ordered[: len(ordered) - half]))
+    return float(ordered[first] + ordered[first + half]) / 2.0
 
 
 def _drawn(
-    field: Float[Array, "x y z"],
-    grid: Grid,
-    centres: Float[Array, "k 3"],
-    scatter: float,
-    width: float,
-    steady: float,
+    field: Float[Array, "x y z"], grid: Grid, centres: Float[Array, "k 3"], scatter: float, spacing: float
 ) -> Float[Array, "x y z"]:
-    """The field less what it is at the centres, averaged over `width`; all in cells."""
+    """The field less what it is at the centres, averaged; all in cells."""
     value = grid.values(field, centres)
     weight = (np.abs(value) <= _REACH) / (1.0 + (value / scatter) ** 2)
-    asked, count = (
-        ndimage.gaussian_filter(
-            grid.deposit(centres, amount).astype(np.float32), width, mode="constant", truncate=3.0
-        )
-        for amount in (weight * value, weight)
-    )
-    # A layer of `steady` centres per area has so much in its middle.
-    return field - asked / (count + steady / (np.sqrt(2.0 * np.pi) * width))
+    asked, count = (grid.deposit(centres, amount).astype(np.float32) for amount in (weight * value, weight))
+    usual = 5.0 / (np.pi * spacing**2)  # centres per area whose fifth neighbour is so far away
+    taken: Float[Array, "x y z"] | float = 0.0
+    for factor, share in _LEVELS:
+        width = factor * max(_NARROWEST, _WIDTH * spacing)
+        near, many = (ndimage.gaussian_filter(each, width, mode="constant", truncate=3.0) for each in (asked, count))
+        steady = share * usual / (np.sqrt(2.0 * np.pi) * width)  # in the middle of a layer of so many centres
+        taken = (near + steady * taken) / (many + steady)
+    return field - taken
 
 
 def _above(ground: Ground | None, field: Float[Array, "x y z"], grid: Grid) -> Float[Array, "x y z"]:

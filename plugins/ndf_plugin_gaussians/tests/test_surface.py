@@ -96,8 +96,8 @@ def test_a_box_open_underneath_is_closed_where_it_stands() -> None:
     assert signed_volume(base.vertices, base.faces) == pytest.approx(12.0, rel=0.15)
 
 
-def test_a_closed_thing_stands_on_nothing() -> None:
-    assert not any("stands on" in note for note in opened(sphere()).notes)
+def test_a_closed_thing_stands_on_nothing_and_is_no_sheet() -> None:
+    assert not any("stands on" in note or "sheet" in note for note in opened(sphere()).notes)
 
 
 def test_a_floor_becomes_a_slab_behind_the_side_that_things_stand_on() -> None:
@@ -110,11 +110,6 @@ def test_a_floor_becomes_a_slab_behind_the_side_that_things_stand_on() -> None:
     assert np.abs(aside[aside[:, 2] > -0.05, 2]).max() < 0.03  # the side that was seen stays
     assert 0.1 < -aside[aside[:, 2] < -0.05, 2].mean() < 0.3
     assert not any("sheet" in note for note in opened(joined(floor(), ball), thicken=False).notes)
-
-
-def test_a_ball_and_a_box_are_no_sheets() -> None:
-    for splats in (sphere(), open_box()):
-        assert not any("sheet" in note for note in opened(splats).notes)
 
 
 def test_faces_stay_where_centres_are_dense() -> None:
