@@ -50,3 +50,12 @@ def test_a_thin_rod_keeps_more_vertices_than_plain_decimation_leaves_it() -> Non
     assert on_rod[1] >= on_rod[0] + 3
     assert on_rod[1] < 30
     assert base[:, 0].max() > 2.9
+
+
+def test_faces_stay_where_errors_are_important() -> None:
+    vertices, faces = icosphere(5)
+    base = coarsen(
+        vertices, faces.astype(np.int32), 400, importance=lambda points: np.where(points[:, 2] > 0, 64.0, 1.0)
+    )
+    above = int((base.vertices[base.faces].mean(axis=1)[:, 2] > 0).sum())
+    assert above > 1.5 * (len(base.faces) - above)

@@ -38,7 +38,7 @@ planes of their neighbours."""
 _MOST = 60
 """Pulls."""
 _LEAST = 0.05
-"""Cells below which the distance is no longer told from none."""
+"""Cells below which a distance is no longer told from none."""
 _NEIGHBOURS = 25
 
 
@@ -63,7 +63,7 @@ def smooth_surface(
     wide to narrow); Morozov's discrepancy principle, for when to stop.
     """
     scatter = max(float(np.median(plane_distances(opaque))) / grid.step, _LEAST)
-    spacing = float(np.median(spacing_at(opaque, opaque))) / grid.step
+    spacing = max(float(np.median(spacing_at(opaque, opaque))) / grid.step, _LEAST)
     # Numbers at the centres are less than distances, about in proportion, and much cheaper: those tell when to look.
     goal = wanted = _GOAL * scatter
     before = after = _reconstruction(grid, layer, opaque, scatter)

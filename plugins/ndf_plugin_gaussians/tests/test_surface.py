@@ -112,6 +112,12 @@ def test_a_floor_becomes_a_slab_behind_the_side_that_things_stand_on() -> None:
     assert not any("sheet" in note for note in opened(joined(floor(), ball), thicken=False).notes)
 
 
+@pytest.mark.slow
+def test_splats_that_are_there_many_times_do_no_harm() -> None:
+    base = opened(joined(*[sphere(1500, width=0.07)] * 6)).base_mesh.extract(500)
+    assert signed_volume(base.vertices, base.faces) == pytest.approx(4 / 3 * np.pi, rel=0.06)
+
+
 def test_faces_stay_where_centres_are_dense() -> None:
     dense = sphere(6000)
     splats = joined(sphere(), dense.take(dense.centres[:, 2] > 0))
