@@ -3,7 +3,8 @@
     python benchmarks/surface_maps.py [NAME ...] [--pictures FOLDER]
 
 Fits the analytic shape, then its base mesh onto the mesh with the pairs in `anchors/`: a torus onto rocker-arm from
-four base meshes, and a sphere onto spot. How far anchors end from their targets, as shares of the longest side;
+four base meshes, and a sphere onto spot; with pairs that nobody chose, twelve extremities to their directions from the
+middle, a sphere onto cheburashka and onto horse, whose limbs are too slender for closest points. How far anchors end from their targets, as shares of the longest side;
 folded area of the field (against the surface's normals) and of the extracted mesh (faces that a neighbour is folded
 over). A picture shows a texture of the analytic shape on both.
 """
@@ -55,6 +56,8 @@ CASES = {
     "rocker-arm, 3,000 faces": Case("torus", TORUS, "rocker-arm.obj", {"faces": 3000}),
     "rocker-arm, 6,000 faces": Case("torus", TORUS, "rocker-arm.obj", {"faces": 6000}),
     "spot": Case("sphere", SPHERE, "spot.obj", {"faces": 4000}),
+    "cheburashka": Case("sphere", SPHERE, "cheburashka.obj", {"faces": 4000}),
+    "horse": Case("sphere", SPHERE, "horse.ply", {"faces": 4000}),
 }
 
 

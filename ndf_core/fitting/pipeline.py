@@ -172,7 +172,7 @@ class _Run:
         with clock.stage("initialise"):
             parameters = initial_parameters(geometry, config if held is None else _without_training(config))
             if self._shared is not None and self._drawn_over is not None:
-                start = self._shared.start(base, self._drawn_over, config.seed)
+                start = self._shared.start(base, self._drawn_over, config.seed, self._observer.message)
                 train_start(parameters, geometry, start, self._training)
         trainer = Trainer(parameters, geometry, projector, self._training, self._observer, anchors, self._workers)
         if held is not None:

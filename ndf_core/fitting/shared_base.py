@@ -3,31 +3,36 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
+from torch import Tensor
 
 from ndf_core.asset.asset import Asset
 from ndf_core.asset.base_mesh_codec import BOX_SIDE
 from ndf_core.base_mesh.checks import longest_side
 from ndf_core.base_mesh.quantise import EncodedBaseMesh
 from ndf_core.config.fit import FitConfig
-from ndf_core.errors import BaseMeshError
+from ndf_core.errors import BaseMeshError, FitError
 from ndf_core.fitting.geometry import BaseGeometry
 from ndf_core.fitting.losses import Anchors
-from ndf_core.fitting.network import Parameters, interpolate
+from ndf_core.fitting.network import Parameters
 from ndf_core.fitting.optimizer import Optimizer, rate_factor
 from ndf_core.fitting.registration import Target, register
-from ndf_core.fitting.sampling import base_points_at, generator_at, stratified
+from ndf_core.fitting.sampling import base_points_at, generator_at, image_areas, stratified
+from ndf_core.fitting.sphere_map import SphereMap
 from ndf_core.fitting.step import FusedStep, tile_size
 from ndf_core.interfaces import BaseMesh
-from ndf_core.mesh import topology
+from ndf_core.mesh import face_normals, interpolate, topology
 
 TARGET_FACES = 20_000
 """Size of the mesh that stands for the surface while the base mesh is drawn over it."""
-_START_STEPS = 600
+MOST_FOLDED = 1e-3
+"""Share of the area."""
 
 
 class SharedBase:
@@ -72,28 +77,60 @@ class SharedBase:
             base_points_at(geometry, *self._anchors), torch.from_numpy(self._goals(base)).float().to(geometry.device)
         )
 
-    def start(self, base: EncodedBaseMesh, mesh: BaseMesh, seed: int) -> Float[Array, "v 3"]:
-        """Where the base mesh's vertices start: drawn over `mesh`, box frame."""
+    def start(
+        self, base: EncodedBaseMesh, mesh: BaseMesh, seed: int, say: Callable[[str], None]
+    ) -> SphereMap | Registered:
+        """Where the base mesh starts on `mesh`, box frame: registered, or by way of a sphere where that folds."""
         target = Target((mesh.vertices - base.center) / base.scale, mesh.faces)
-        return register(base.vertices, base.faces, target, (*self._anchors, self._goals(base)), seed)
+        anchors = (*self._anchors, self._goals(base))
+        positions = register(base.vertices, base.faces, target, anchors, seed)
+        areas = np.linalg.norm(face_normals(positions, base.faces), axis=1)
+        folded = areas[target.folded(positions, base.faces)].sum() / areas.sum()
+        counts = topology(base.faces, len(base.vertices))
+        if folded > MOST_FOLDED and counts.components == 1 and counts.genus == 0:
+            try:
+                return SphereMap(base.vertices, base.faces, target, anchors)
+            except FitError as error:
+                say(f"{error}; the map starts with {folded:.2%} of its area folded")
+        return Registered(positions, base.faces)
 
     def _goals(self, base: EncodedBaseMesh) -> Float[Array, "m 3"]:
         return (self._pairs[:, 3:] - base.center) / base.scale
 
 
+class Registered:
+    """The map that is linear on each face of the base mesh, given where vertices go."""
+
+    steps = 600
+
+    def __init__(self, positions: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> None:
+        self._positions, self._faces = positions, faces
+
+    def at(self, faces: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+        return interpolate(self._positions, self._faces[faces], weights)
+
+
 def train_start(
-    parameters: Parameters, geometry: BaseGeometry, positions: Float[Array, "v 3"], config: FitConfig
+    parameters: Parameters, geometry: BaseGeometry, start: SphereMap | Registered, config: FitConfig
 ) -> None:
-    """Train the map to the linear one that takes vertices to `positions`, and the inverse to it, in place."""
-    config = config.model_copy(update={"steps": _START_STEPS})
-    goals = torch.from_numpy(positions).float().to(geometry.device)
+    """Train the map to `start`, and the inverse to it, in place."""
+    config = config.model_copy(update={"steps": start.steps})
+
+    def goals(face: Int[Tensor, " n"], barycentric: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
+        points = start.at(face.cpu().numpy(), barycentric.double().cpu().numpy())
+        return torch.from_numpy(points).float().to(geometry.device)
+
+    areas = geometry.areas
+    if isinstance(start, SphereMap):  # which stretches faces twenty times as much as others
+        image = image_areas(geometry, goals)
+        areas = areas / areas.sum() + image / image.sum()
     tile = tile_size(config.batch, geometry.device)
     step = FusedStep(parameters.shape, tile, config.cycle_stride, geometry.device)
     optimizer = Optimizer(parameters, config)
-    for count in range(_START_STEPS):
-        batch = stratified(geometry, geometry.areas, tile, generator_at(config.seed, -2 - count)).batch
+    for count in range(start.steps):
+        base = stratified(geometry, areas, tile, generator_at(config.seed, -2 - count))
         step.gradient.flat.zero_()
-        residual = step.map(parameters, batch) - interpolate(goals, batch.corners, batch.barycentric)
+        residual = step.map(parameters, base.batch) - goals(base.face, base.barycentric)
         residual.mul_(2 * config.loss.projection / len(residual))
-        step.backward(parameters, batch, residual, config.loss.cycle, count)
+        step.backward(parameters, base.batch, residual, config.loss.cycle, count)
         optimizer.step(step.gradient, rate_factor(config, count))

@@ -30,7 +30,7 @@ QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 @pytest.fixture(autouse=True)
 def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shared_base, "_START_STEPS", 150)
+    monkeypatch.setattr(shared_base.Registered, "steps", 150)
     monkeypatch.setattr(shared_base, "TARGET_FACES", 1000)
 
 

@@ -1,0 +1,93 @@
+"""A map from a base mesh of genus 0 to a surface that folds nowhere: both are drawn on one sphere.
+
+The surface is drawn first (`sphere_drawing.py`). A coarse drawing of the base mesh is led to where its anchors belong
+on top of the surface's, and is refined there, by the surface's lengths: so a limb gets its share of triangles however
+small its drawing is. No closest point is asked for before everything is in place, so nothing spans two limbs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy import ndarray as Array
+
+from ndf_core.base_mesh.coarsen import coarsen
+from ndf_core.fitting.registration import Target
+from ndf_core.fitting.sphere_distortion import Metric
+from ndf_core.fitting.sphere_drawing import SphereDrawing, dragged, ways
+from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.mesh import face_normals, interpolate, unit
+
+_DRAWN_FACES = 5_000
+"""Of the surface; what is finer is landed on."""
+_PUT_RIGHT = 20
+"""Steps in which anchors go from a vertex of their triangle to where they are exactly ..."""
+_BESIDE = 0.15
+"""... and take along what is so near, in radians."""
+
+
+class SphereMap:
+    """From points of a base mesh to points of a surface, one to one."""
+
+    steps = 1500
+    """Of training that the networks need to follow it; it is not linear on faces."""
+
+    def __init__(
+        self,
+        vertices: Float[Array, "v 3"],
+        faces: Int[Array, "f 3"],
+        target: Target,
+        anchors: tuple[Int[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]],
+    ) -> None:
+        """Draw both.
+
+        Args:
+            vertices, faces: the base mesh, of genus 0 and one component.
+            target: of the same topology.
+            anchors: faces of the base mesh, weights there, and where these points go, on the target.
+
+        Raises:
+            FitError: the anchors cannot all be reached without folds, or a mesh is too degenerate.
+        """
+        coarse = coarsen(target.vertices, target.faces, min(_DRAWN_FACES, len(target.faces)))
+        self._surface, self._surface_faces, self._target = coarse.vertices, coarse.faces, target
+        drawing = SphereDrawing(coarse.vertices, coarse.faces)
+        drawing.grow(len(coarse.vertices))
+        self._sphere = TriangleBVH(drawing.positions, coarse.faces)
+        self._faces = faces
+        _, at, weights = TriangleBVH(coarse.vertices, coarse.faces).closest(anchors[2])
+        goals = unit(interpolate(drawing.positions, coarse.faces[at], weights))
+        self._drawn = self._base_mesh(
+            vertices, Metric(coarse.vertices, coarse.faces, drawing.positions), anchors, goals
+        )
+
+    def at(self, faces: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+        """Points of the target for points of the base mesh."""
+        on_sphere = unit(interpolate(self._drawn, self._faces[faces], weights))
+        _, at, inside = self._sphere.closest(on_sphere)
+        return self._target.tree.closest(interpolate(self._surface, self._surface_faces[at], inside))[0]
+
+    def _base_mesh(
+        self,
+        vertices: Float[Array, "v 3"],
+        metric: Metric,
+        anchors: tuple[Int[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]],
+        goals: Float[Array, "m 3"],
+    ) -> Float[Array, "v 3"]:
+        """Draw it so that anchors are at their goals."""
+        nearest = self._faces[anchors[0], anchors[1].argmax(axis=1)]
+        kept, which = np.unique(nearest, return_index=True)
+        drawing = SphereDrawing(vertices, self._faces, kept)
+        drawing.grow(drawing.coarse)
+        drawing.lead(kept, goals[which])
+        fixed = np.zeros(len(vertices), dtype=bool)
+        fixed[kept] = True
+        drawing.grow(len(vertices), fixed, metric)
+        drawn = drawing.positions
+        for step in range(_PUT_RIGHT):
+            places = unit(interpolate(drawn, self._faces[anchors[0]], anchors[1]))
+            moved = dragged(drawn, places, ways(places, goals) / (_PUT_RIGHT - step), _BESIDE)
+            if ((face_normals(moved, self._faces) * moved[self._faces[:, 0]]).sum(axis=1) <= 0).any():
+                break  # what is left is for the anchor loss
+            drawn = moved
+        return drawn
