@@ -13,6 +13,8 @@ Reference: non-rigid registration with decreasing stiffness, Amberg, Romdhani an
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Bool, Float, Int
@@ -39,6 +41,14 @@ _LEAST_AREA = 1e-3
 """Triangles without area count as this share of the mean one, so that every vertex has a middle to go to."""
 _ROUNDS = 12
 """Times that folded patches are smoothed, each time larger ones."""
+
+
+class PlacedAnchors(NamedTuple):
+    """Points of a mesh, and where they go on a surface."""
+
+    faces: Int[Array, " m"]
+    weights: Float[Array, "m 3"]
+    goals: Float[Array, "m 3"]
 
 
 class Target:
@@ -68,7 +78,7 @@ def register(
     vertices: Float[Array, "v 3"],
     faces: Int[Array, "f 3"],
     target: Target,
-    anchors: tuple[Int[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]],
+    anchors: PlacedAnchors,
     seed: int,
 ) -> Float[Array, "v 3"]:
     """Positions of the mesh's vertices on the target, a map that anchors fix and that folds as little as it can.
@@ -76,7 +86,7 @@ def register(
     Args:
         vertices, faces: the mesh, roughly of the target's size and place.
         target: of the same topology.
-        anchors: faces of the mesh, weights there, and where these points go. They are met exactly.
+        anchors: points of the mesh; they are met exactly.
         seed: of the points on the target.
     """
     return _Registration(vertices, faces, target, anchors).run(np.random.default_rng(seed))
@@ -88,7 +98,7 @@ class _Registration:
         vertices: Float[Array, "v 3"],
         faces: Int[Array, "f 3"],
         target: Target,
-        anchors: tuple[Int[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]],
+        anchors: PlacedAnchors,
     ) -> None:
         self._now, self._faces, self._target = vertices, faces, target
         count = len(vertices)
@@ -96,8 +106,8 @@ class _Registration:
         degrees = np.asarray(self._adjacent.sum(axis=1)).ravel()
         laplacian = sp.diags(degrees) - self._adjacent
         self._smoothness = _MEMBRANE * laplacian + laplacian @ laplacian
-        self._anchored = self._at(anchors[0], anchors[1])
-        self._goals = anchors[2]
+        self._anchored = self._at(anchors.faces, anchors.weights)
+        self._goals = anchors.goals
         # The smoothest small change that puts the anchors right; pairs may contradict each other.
         spread = splu(sp.csc_matrix(sp.identity(count) + _SPREADING * laplacian)).solve(self._anchored.T.toarray())
         self._correction = spread @ np.linalg.pinv(self._anchored @ spread)

@@ -22,7 +22,7 @@ from ndf_core.fitting.geometry import BaseGeometry
 from ndf_core.fitting.losses import Anchors
 from ndf_core.fitting.network import Parameters
 from ndf_core.fitting.optimizer import Optimizer, rate_factor
-from ndf_core.fitting.registration import Target, register
+from ndf_core.fitting.registration import PlacedAnchors, Target, register
 from ndf_core.fitting.sampling import base_points_at, generator_at, image_areas, stratified
 from ndf_core.fitting.sphere_map import SphereMap
 from ndf_core.fitting.step import FusedStep, tile_size
@@ -82,7 +82,7 @@ class SharedBase:
     ) -> SphereMap | Registered:
         """Where the base mesh starts on `mesh`, box frame: registered, or by way of a sphere where that folds."""
         target = Target((mesh.vertices - base.center) / base.scale, mesh.faces)
-        anchors = (*self._anchors, self._goals(base))
+        anchors = PlacedAnchors(*self._anchors, self._goals(base))
         positions = register(base.vertices, base.faces, target, anchors, seed)
         areas = np.linalg.norm(face_normals(positions, base.faces), axis=1)
         folded = areas[target.folded(positions, base.faces)].sum() / areas.sum()

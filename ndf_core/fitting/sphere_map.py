@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.base_mesh.coarsen import coarsen
-from ndf_core.fitting.registration import Target
+from ndf_core.fitting.registration import PlacedAnchors, Target
 from ndf_core.fitting.sphere_distortion import Metric
 from ndf_core.fitting.sphere_drawing import SphereDrawing, dragged, ways
 from ndf_core.kernels.bvh import TriangleBVH
@@ -37,14 +37,14 @@ class SphereMap:
         vertices: Float[Array, "v 3"],
         faces: Int[Array, "f 3"],
         target: Target,
-        anchors: tuple[Int[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]],
+        anchors: PlacedAnchors,
     ) -> None:
         """Draw both.
 
         Args:
             vertices, faces: the base mesh, of genus 0 and one component.
             target: of the same topology.
-            anchors: faces of the base mesh, weights there, and where these points go, on the target.
+            anchors: points of the base mesh, with goals on the target.
 
         Raises:
             FitError: the anchors cannot all be reached without folds, or a mesh is too degenerate.
@@ -55,7 +55,7 @@ class SphereMap:
         drawing.grow(len(coarse.vertices))
         self._sphere = TriangleBVH(drawing.positions, coarse.faces)
         self._faces = faces
-        _, at, weights = TriangleBVH(coarse.vertices, coarse.faces).closest(anchors[2])
+        _, at, weights = TriangleBVH(coarse.vertices, coarse.faces).closest(anchors.goals)
         goals = unit(interpolate(drawing.positions, coarse.faces[at], weights))
         self._drawn = self._base_mesh(
             vertices, Metric(coarse.vertices, coarse.faces, drawing.positions), anchors, goals
@@ -71,11 +71,11 @@ class SphereMap:
         self,
         vertices: Float[Array, "v 3"],
         metric: Metric,
-        anchors: tuple[Int[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]],
+        anchors: PlacedAnchors,
         goals: Float[Array, "m 3"],
     ) -> Float[Array, "v 3"]:
         """Draw it so that anchors are at their goals."""
-        nearest = self._faces[anchors[0], anchors[1].argmax(axis=1)]
+        nearest = self._faces[anchors.faces, anchors.weights.argmax(axis=1)]
         kept, which = np.unique(nearest, return_index=True)
         drawing = SphereDrawing(vertices, self._faces, kept)
         drawing.grow(drawing.coarse)
@@ -85,7 +85,7 @@ class SphereMap:
         drawing.grow(len(vertices), fixed, metric)
         drawn = drawing.positions
         for step in range(_PUT_RIGHT):
-            places = unit(interpolate(drawn, self._faces[anchors[0]], anchors[1]))
+            places = unit(interpolate(drawn, self._faces[anchors.faces], anchors.weights))
             moved = dragged(drawn, places, ways(places, goals) / (_PUT_RIGHT - step), _BESIDE)
             if ((face_normals(moved, self._faces) * moved[self._faces[:, 0]]).sum(axis=1) <= 0).any():
                 break  # what is left is for the anchor loss

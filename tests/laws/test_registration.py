@@ -8,7 +8,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from small_assets import icosphere
 
-from ndf_core.fitting.registration import Target, register
+from ndf_core.fitting.registration import PlacedAnchors, Target, register
 
 VERTICES, FACES = icosphere(2)
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -25,10 +25,10 @@ def dumbbell() -> tuple[Float[Array, "v 3"], Array]:
     return np.column_stack([3 * along - 1.5, radius[:, None] * ring]), faces
 
 
-def on_vertices(rows: list[int], goals: Float[Array, "m 3"]) -> tuple[Array, Array, Array]:
+def on_vertices(rows: list[int], goals: Float[Array, "m 3"]) -> PlacedAnchors:
     """Anchors at vertices of the sphere."""
     faces = np.array([int(np.flatnonzero((row == FACES).any(axis=1))[0]) for row in rows])
-    return faces, (FACES[faces] == np.array(rows)[:, None]).astype(float), goals
+    return PlacedAnchors(faces, (FACES[faces] == np.array(rows)[:, None]).astype(float), goals)
 
 
 @pytest.mark.slow
@@ -40,7 +40,7 @@ class TestRegister:
         rows = list(range(12))  # corners of the icosahedron
         anchors = on_vertices(rows, target.tree.closest((VERTICES[rows] @ TURN.T) * AXES)[0])
         found = register(VERTICES, FACES, target, anchors, seed=0)
-        assert np.abs(found[rows] - anchors[2]).max() < 1e-9
+        assert np.abs(found[rows] - anchors.goals).max() < 1e-9
         assert not target.folded(found, FACES).any()
         distance = np.linalg.norm(target.tree.closest(found)[0] - found, axis=1)
         assert distance.mean() < 0.02

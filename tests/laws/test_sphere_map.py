@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 from small_assets import icosphere, torus
 
 from ndf_core.errors import FitError
-from ndf_core.fitting.registration import Target
+from ndf_core.fitting.registration import PlacedAnchors, Target
 from ndf_core.fitting.sphere_distortion import Distortion, Metric
 from ndf_core.fitting.sphere_drawing import SphereDrawing
 from ndf_core.fitting.sphere_map import SphereMap
@@ -130,7 +130,7 @@ class TestMap:
         base = Target(unit(vertices), faces)
         _, at, weights = base.tree.closest(tips @ TURN)
         target = Target(points, target_faces)
-        drawn = SphereMap(unit(vertices), faces, target, (at, weights, goals))
+        drawn = SphereMap(unit(vertices), faces, target, PlacedAnchors(at, weights, goals))
         edge = np.linalg.norm(vertices[faces[0, 0]] - vertices[faces[0, 1]])
         missed = np.linalg.norm(drawn.at(at, weights) - goals, axis=1)
         assert missed.max() < 2 * edge, "the rest is for the anchor loss"
