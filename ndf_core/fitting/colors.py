@@ -17,7 +17,7 @@ _NUMBERS = 20_000
 _MOST_FEATURES = 16
 _HIDDEN = 48
 _STEPS = 2400
-_ROUNDING = 0.15
+_ROUNDING = 0.2
 """Splats of one spot differ by more than that; longer training pays for it."""
 
 
