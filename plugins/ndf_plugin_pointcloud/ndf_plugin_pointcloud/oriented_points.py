@@ -24,6 +24,11 @@ class OrientedPointsConfig(BaseModel):
         description="radius over which each point's normal is spread, in radii of the disc that it stands for: more "
         "for noisy points, less for fine detail; none: 1 to 2 by how far neighbours scatter",
     )
+    denoise: bool = Field(
+        True,
+        description="move points that scatter about their neighbours onto quadrics through those that face the same "
+        "way, before their normals are spread",
+    )
     resolution: int | None = Field(
         None,
         ge=16,

@@ -16,6 +16,7 @@ from ndf_core.kernels.winding import WindingTree
 from ndf_core.surfaces.fingerprint import fingerprint
 from ndf_plugin_pointcloud.areas import point_areas
 from ndf_plugin_pointcloud.defaults import CLEAN_DEFAULTS, WINDING_DEFAULTS
+from ndf_plugin_pointcloud.denoising import OrientedPoints, without_noise
 from ndf_plugin_pointcloud.directions import Neighbourhood
 from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor, sample_by_landing
 from ndf_plugin_pointcloud.noise import is_clean, noise_level, smoothing_for
@@ -60,8 +61,16 @@ def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representat
     if np.einsum("n,nc,nc->", areas, normals, points - points.mean(axis=0)) < 0:
         normals = -normals
         notes.append("the normals point inwards; all of them turned over")
-    radii = np.sqrt(areas / np.pi)
-    noise = noise_level(tree, normals, radii, threads)
+    given = OrientedPoints(tree, normals, areas)
+    noise = noise_level(tree, normals, given.radii, threads)
+    clean = is_clean(noise)
+    if config.denoise and not clean:
+        smooth = without_noise(given, threads)
+        if smooth is not given:
+            notes.append("neighbours scatter; points moved onto quadrics through those that face the same way")
+        tree, normals, areas = smooth
+        noise = noise_level(tree, normals, smooth.radii, threads)
+    points, radii = np.asarray(tree.data), np.sqrt(areas / np.pi)
     smoothing = config.smoothing or smoothing_for(noise)
     winding = WindingTree.of_points(points, areas[:, None] * normals, smoothing * radii)
     cell = _CELLS * float(np.median(radii))
@@ -72,7 +81,7 @@ def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representat
         base_mesh=extractor,
         projector=projector,
         fingerprint=digest,
-        training_defaults=CLEAN_DEFAULTS if is_clean(noise) else WINDING_DEFAULTS,
+        training_defaults=CLEAN_DEFAULTS if clean else WINDING_DEFAULTS,
         sample=lambda count, rng: sample_by_landing(*extractor.dense[:2], projector.land, count, rng),
         notes=tuple(notes),
     )

@@ -8,6 +8,7 @@ import torch
 import trimesh
 from clouds import closest, cloud, near, off_surface, ring
 from ndf_plugin_pointcloud.areas import point_areas
+from ndf_plugin_pointcloud.denoising import OrientedPoints, without_noise
 from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor
 from ndf_plugin_pointcloud.noise import noise_level, smoothing_for
 from ndf_plugin_pointcloud.oriented_points import OrientedPointsConfig
@@ -75,15 +76,59 @@ def as_extractor(surface: Surface) -> WindingExtractor:
 
 
 def test_noise_and_turned_normals_are_averaged(shape: trimesh.Trimesh) -> None:
-    points, normals = cloud(shape, 8000)
+    points, normals = rough(*cloud(shape, 8000), 0.005 * shape.extents.max())
+    queries = torch.from_numpy(near(shape, 2000, 0.01))
+    errors: list[float] = []
+    for denoise in (True, False):
+        noisy = open_oriented_points((points, normals), CONFIG.model_copy(update={"denoise": denoise}))
+        found = noisy.projector.project(queries)
+        errors.append(float(off_surface(shape, found.points[found.converged].numpy()).mean()))
+    assert errors[1] < 2.5e-3
+    assert errors[0] < 0.8 * errors[1]
+
+
+def rough(points: np.ndarray, normals: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points moved by normal noise, and normals turned by 10 degrees in any direction."""
     rng = np.random.default_rng(0)
     axis = np.cross(normals, rng.standard_normal(normals.shape))
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     normals = np.cos(np.radians(10)) * normals + np.sin(np.radians(10)) * axis
-    points = points + 0.005 * shape.extents.max() * rng.standard_normal(points.shape)
-    noisy = open_oriented_points((points, normals), CONFIG)
-    found = noisy.projector.project(torch.from_numpy(near(shape, 2000, 0.01)))
-    assert off_surface(shape, found.points[found.converged].numpy()).mean() < 2.5e-3
+    return points + noise * rng.standard_normal(points.shape), normals
+
+
+def test_a_plate_keeps_its_two_sides_under_noise_as_wide_as_it_is_thick() -> None:
+    plate = trimesh.creation.box((1, 1, 0.02))
+    tree, normals, _ = without_noise(oriented(*rough(*cloud(plate, 8000), 0.01)))
+    above, inner = normals[:, 2] > 0, (np.abs(tree.data[:, :2]) < 0.45).all(axis=1)
+    assert abs(tree.data[above & inner, 2].mean() - 0.01) < 5e-4
+    assert abs(tree.data[~above & inner, 2].mean() + 0.01) < 5e-4
+    assert tree.data[inner, 2].std() == pytest.approx(0.01, rel=0.1)
+    surface = open_oriented_points(rough(*cloud(plate, 8000), 0.01), OrientedPointsConfig(resolution=128))
+    check_base_mesh(surface.base_mesh.extract(2000), euler_characteristic=2, components=1)
+    assert "neighbours scatter" in surface.notes[-1]
+
+
+def test_points_without_noise_stay_where_they_are(shape: trimesh.Trimesh) -> None:
+    clean = oriented(*cloud(shape, 3000))
+    assert without_noise(clean) is clean
+    lone = np.concatenate([np.asarray(clean.tree.data), [[50.0, 0, 0]]])
+    kept = without_noise(oriented(*rough(lone, np.concatenate([clean.normals, [[0.0, 0, 1]]]), 0.05)))
+    assert np.isfinite(kept.tree.data).all() and np.isfinite(kept.normals).all()
+
+
+def oriented(points: np.ndarray, normals: np.ndarray) -> OrientedPoints:
+    tree = KDTree(points)
+    return OrientedPoints(tree, normals, point_areas(tree, normals))
+
+
+def test_areas_are_those_of_cells() -> None:
+    """Points along lines stand for the strips between these, and points beside a hole for no half plane."""
+    along, across = np.linspace(0, 1, 101), np.linspace(0, 1, 26)
+    points = np.stack(np.meshgrid(along, across, [0.0], indexing="ij"), axis=3).reshape(-1, 3)
+    areas = point_areas(KDTree(points), np.tile([0.0, 0, 1], (len(points), 1)))
+    inner = (np.abs(points[:, :2] - 0.5) < 0.4).all(axis=1)
+    np.testing.assert_allclose(areas[inner], 0.01 * 0.04, rtol=0.05)
+    assert areas.max() < 4 * 0.01 * 0.04
 
 
 def test_projection_is_pure_and_idempotent(surface: Surface, shape: trimesh.Trimesh) -> None:
@@ -191,5 +236,5 @@ def test_the_two_sides_of_a_blade_are_no_noise() -> None:
     assert areas.sum() == pytest.approx(2, rel=0.1)
     assert noise_level(tree, normals, np.sqrt(areas / np.pi)) < 0.02
     assert open_oriented_points((points, normals), CONFIG).training_defaults["loss"]["cycle"] == 1e3
-    rough = points + 0.01 * np.random.default_rng(0).standard_normal(points.shape)
-    assert open_oriented_points((rough, normals), CONFIG).training_defaults["loss"]["cycle"] == 1e4
+    moved = points + 0.01 * np.random.default_rng(0).standard_normal(points.shape)
+    assert open_oriented_points((moved, normals), CONFIG).training_defaults["loss"]["cycle"] == 1e4
