@@ -25,7 +25,7 @@ from typing import Any
 import igl
 import numpy as np
 from jaxtyping import Float
-from ndf_plugin_pointcloud.areas import point_areas
+from ndf_plugin_pointcloud.areas import cell_areas
 from ndf_plugin_pointcloud.directions import Neighbourhood
 from ndf_plugin_pointcloud.landing import LandingProjector
 from ndf_plugin_pointcloud.soup_projector import SoupProjector
@@ -99,7 +99,7 @@ def triangle_rows(mesh: Triangles, queries: Float[Array, "n 3"]) -> list[dict[st
 def point_sources(mesh: Triangles, count: int) -> tuple[Array, Array, Array, Array]:
     """Points, normals, areas and radii of their discs."""
     points, normals, _ = mesh.sample(count, np.random.default_rng(2))
-    areas = point_areas(KDTree(points), normals)
+    areas = cell_areas(KDTree(points), normals)
     return points, normals, areas, np.sqrt(areas / np.pi)
 
 
@@ -128,7 +128,7 @@ def soup_landings(mesh: Triangles, queries: Float[Array, "n 3"]) -> dict[str, An
     soup = Triangles(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), ())
     tree = WindingTree.of_triangles(soup.vertices, soup.faces)
     points, normals, _ = soup.sample(20_000, rng)
-    radii = np.sqrt(point_areas(KDTree(points), normals) / np.pi)
+    radii = np.sqrt(cell_areas(KDTree(points), normals) / np.pi)
     tracing = TracingProjector(tree, Neighbourhood(KDTree(points), normals, radii), soup.size)
     projector = SoupProjector(soup, tree, tracing)
     found = crossings(projector, queries, tree.values, lambda q: winding_of_triangles(q, corners), soup.size)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from scipy.spatial import KDTree
 
-from ndf_plugin_pointcloud.areas import point_areas
+from ndf_plugin_pointcloud.areas import PointAreas
 from ndf_plugin_pointcloud.frames import axes_of
 
 _NEIGHBOURS = 32
@@ -46,7 +46,7 @@ class OrientedPoints(NamedTuple):
         return np.sqrt(self.areas / np.pi)
 
 
-def without_noise(cloud: OrientedPoints, threads: int = 1) -> OrientedPoints:
+def without_noise(cloud: OrientedPoints, point_areas: PointAreas, threads: int = 1) -> OrientedPoints:
     """Move points onto quadrics through their neighbours, again and again until they scatter little.
 
     A winding number averages noise over balls, and over both sides of what is thinner than these. Here only points
@@ -54,6 +54,7 @@ def without_noise(cloud: OrientedPoints, threads: int = 1) -> OrientedPoints:
 
     Args:
         cloud: distinct points, unit normals. Returned itself where it scatters little.
+        point_areas: measures the areas of the points that moved.
         threads: for the search.
     """
     for _ in range(_PASSES):

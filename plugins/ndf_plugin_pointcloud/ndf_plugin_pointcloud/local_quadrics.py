@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 from scipy.spatial import KDTree
 
+from ndf_plugin_pointcloud.areas import THINNEST
 from ndf_plugin_pointcloud.local_planes import AWAY, Discs
 from ndf_plugin_pointcloud.shell import Closest
 
@@ -16,11 +17,8 @@ _REACH = 2.0
 """A quadric curves within so many root mean square distances of its points from its middle; it is straight beyond."""
 _STIFFNESS = 1e-3
 """Keeps slopes and curvatures at zero where the points do not say them: along a curve, across a sharp gap."""
-_THINNEST = 0.3
-"""Points whose smaller spread is less than this share of the larger one lie along a curve, as on scan lines. They
-say nothing of the surface beside it, so the neighbourhood is doubled, ..."""
 _DOUBLED = 3
-"""... so many times at most."""
+"""Points along a curve say nothing of the surface beside it: the neighbourhood is doubled, so many times at most."""
 _NEWTON = 2
 """Steps to the closest point of a quadric."""
 _BLOCK = 8192
@@ -91,7 +89,7 @@ class LocalQuadrics:
         terms = _terms(local[:, :, 1], local[:, :, 2])
         weighted = (terms * (weights / weights.sum(axis=1, keepdims=True))[:, :, None]).transpose(0, 2, 1)
         normal = weighted @ terms + _STIFFNESS * np.diag([0.0, 1, 1, 1, 1, 1])
-        along = discs.spreads[:, 0] < _THINNEST * discs.spreads[:, 1]
+        along = discs.spreads[:, 0] < THINNEST * discs.spreads[:, 1]
         return along, discs.middles, axes, scales, np.linalg.solve(normal, weighted @ local[:, :, :1])[:, :, 0]
 
     def _block(self, queries: Float[Array, "n 3"], threads: int) -> Closest:

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from ndf_core.kernels.bvh import TriangleBVH
 from ndf_core.kernels.winding import WindingTree
 from ndf_core.surfaces.dilation import Offset
-from ndf_plugin_pointcloud.areas import point_areas
+from ndf_plugin_pointcloud.areas import disc_areas
 from ndf_plugin_pointcloud.local_planes import point_normals
 
 _LIFT = 2.0
@@ -61,7 +61,7 @@ def enclosing_share(points: Float[Array, "n 3"], normals: Float[Array, "n 3"], t
         normals: unit, all outwards or all inwards.
         threads: for the search and the field.
     """
-    areas = point_areas(KDTree(points), normals, threads)
+    areas = disc_areas(KDTree(points), normals, threads)
     radii = np.sqrt(areas / np.pi)
     tree, lift = WindingTree.of_points(points, areas[:, None] * normals, radii), _LIFT * radii[:, None] * normals
     both = tree.values(points + lift, threads) + tree.values(points - lift, threads)

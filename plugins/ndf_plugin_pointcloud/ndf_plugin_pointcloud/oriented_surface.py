@@ -14,7 +14,7 @@ from ndf_core.errors import InputError
 from ndf_core.interfaces import Surface
 from ndf_core.kernels.winding import WindingTree
 from ndf_core.surfaces.fingerprint import fingerprint
-from ndf_plugin_pointcloud.areas import point_areas
+from ndf_plugin_pointcloud.areas import PointAreas, cell_areas
 from ndf_plugin_pointcloud.defaults import CLEAN_DEFAULTS, WINDING_DEFAULTS
 from ndf_plugin_pointcloud.denoising import OrientedPoints, without_noise
 from ndf_plugin_pointcloud.directions import Neighbourhood
@@ -42,7 +42,13 @@ def open_oriented_points(source: str | Path | object, config: OrientedPointsConf
     return winding_surface(cloud, config, "oriented-points", digest)
 
 
-def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representation: str, digest: str) -> Surface:
+def winding_surface(
+    cloud: PointCloud,
+    config: OrientedPointsConfig,
+    representation: str,
+    digest: str,
+    point_areas: PointAreas = cell_areas,
+) -> Surface:
     """The surface w = 1/2 of points with normals.
 
     Args:
@@ -50,6 +56,7 @@ def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representat
         config: smoothing and resolution.
         representation: the `--repr` name.
         digest: the input's fingerprint.
+        point_areas: how much surface each point stands for.
     """
     assert cloud.normals is not None
     threads = torch.get_num_threads()
@@ -65,7 +72,7 @@ def winding_surface(cloud: PointCloud, config: OrientedPointsConfig, representat
     noise = noise_level(tree, normals, given.radii, threads)
     clean = is_clean(noise)
     if config.denoise and not clean:
-        smooth = without_noise(given, threads)
+        smooth = without_noise(given, point_areas, threads)
         if smooth is not given:
             notes.append("neighbours scatter; points moved onto quadrics through those that face the same way")
         tree, normals, areas = smooth

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from ndf_core.interfaces import Surface
 from ndf_core.surfaces.dilation import DilationExtractor, closing_radius, eroded, offset_surface, sampling_spacing
 from ndf_core.surfaces.fingerprint import fingerprint
+from ndf_plugin_pointcloud.areas import disc_areas
 from ndf_plugin_pointcloud.defaults import POINTS_DEFAULTS, SHELL_CYCLE, SOLID_CYCLE
 from ndf_plugin_pointcloud.level_set_mesh import sample_by_landing
 from ndf_plugin_pointcloud.local_planes import LocalDiscs
@@ -77,7 +78,10 @@ def open_points(source: str | Path | object, config: PointsConfig) -> Surface:
         if capped or _is_solid(points, normals, config, threads):
             notes.append("normals estimated; the surface is where their winding number is one half, which caps gaps")
             oriented = PointCloud(points, normals, tuple(notes))
-            return winding_surface(oriented, OrientedPointsConfig.model_validate({}), "points", digest)
+            # Estimated normals of thin parts and rims may face anywhere, and cells are smallest there.
+            return winding_surface(
+                oriented, OrientedPointsConfig.model_validate({}), "points", digest, point_areas=disc_areas
+            )
     offset = offset_surface(points, radius, config.interior)
     solid = closing is not None and config.interior == "fill"
     if solid:

@@ -7,7 +7,7 @@ import pytest
 import torch
 import trimesh
 from clouds import closest, cloud, near, off_surface, ring
-from ndf_plugin_pointcloud.areas import point_areas
+from ndf_plugin_pointcloud.areas import cell_areas, disc_areas
 from ndf_plugin_pointcloud.denoising import OrientedPoints, without_noise
 from ndf_plugin_pointcloud.level_set_mesh import WindingExtractor
 from ndf_plugin_pointcloud.noise import noise_level, smoothing_for
@@ -98,7 +98,7 @@ def rough(points: np.ndarray, normals: np.ndarray, noise: float) -> tuple[np.nda
 
 def test_a_plate_keeps_its_two_sides_under_noise_as_wide_as_it_is_thick() -> None:
     plate = trimesh.creation.box((1, 1, 0.02))
-    tree, normals, _ = without_noise(oriented(*rough(*cloud(plate, 8000), 0.01)))
+    tree, normals, _ = without_noise(oriented(*rough(*cloud(plate, 8000), 0.01)), cell_areas)
     above, inner = normals[:, 2] > 0, (np.abs(tree.data[:, :2]) < 0.45).all(axis=1)
     assert abs(tree.data[above & inner, 2].mean() - 0.01) < 5e-4
     assert abs(tree.data[~above & inner, 2].mean() + 0.01) < 5e-4
@@ -110,22 +110,22 @@ def test_a_plate_keeps_its_two_sides_under_noise_as_wide_as_it_is_thick() -> Non
 
 def test_points_without_noise_stay_where_they_are(shape: trimesh.Trimesh) -> None:
     clean = oriented(*cloud(shape, 3000))
-    assert without_noise(clean) is clean
+    assert without_noise(clean, cell_areas) is clean
     lone = np.concatenate([np.asarray(clean.tree.data), [[50.0, 0, 0]]])
-    kept = without_noise(oriented(*rough(lone, np.concatenate([clean.normals, [[0.0, 0, 1]]]), 0.05)))
+    kept = without_noise(oriented(*rough(lone, np.concatenate([clean.normals, [[0.0, 0, 1]]]), 0.05)), cell_areas)
     assert np.isfinite(kept.tree.data).all() and np.isfinite(kept.normals).all()
 
 
 def oriented(points: np.ndarray, normals: np.ndarray) -> OrientedPoints:
     tree = KDTree(points)
-    return OrientedPoints(tree, normals, point_areas(tree, normals))
+    return OrientedPoints(tree, normals, cell_areas(tree, normals))
 
 
 def test_areas_are_those_of_cells() -> None:
     """Points along lines stand for the strips between these, and points beside a hole for no half plane."""
     along, across = np.linspace(0, 1, 101), np.linspace(0, 1, 26)
     points = np.stack(np.meshgrid(along, across, [0.0], indexing="ij"), axis=3).reshape(-1, 3)
-    areas = point_areas(KDTree(points), np.tile([0.0, 0, 1], (len(points), 1)))
+    areas = cell_areas(KDTree(points), np.tile([0.0, 0, 1], (len(points), 1)))
     inner = (np.abs(points[:, :2] - 0.5) < 0.4).all(axis=1)
     np.testing.assert_allclose(areas[inner], 0.01 * 0.04, rtol=0.05)
     assert areas.max() < 4 * 0.01 * 0.04
@@ -212,7 +212,7 @@ def test_smoothing_follows_the_noise(shape: trimesh.Trimesh) -> None:
     for noise in (0.0, 0.002, 0.01):
         moved = points + noise * shape.extents.max() * rng.standard_normal(points.shape)
         tree = KDTree(moved)
-        radii = np.sqrt(point_areas(tree, normals) / np.pi)
+        radii = np.sqrt(cell_areas(tree, normals) / np.pi)
         found.append(smoothing_for(noise_level(tree, normals, radii)))
     assert found[0] == 1 and found[2] == 2
     assert 1 < found[1] < 2
@@ -232,8 +232,9 @@ def test_the_two_sides_of_a_blade_are_no_noise() -> None:
     """Nor do they share an area, nor let the weights of the fit take them for noise."""
     points, normals = cloud(trimesh.creation.box((1, 1, 0.002)), 4000)
     tree = KDTree(points)
-    areas = point_areas(tree, normals)
-    assert areas.sum() == pytest.approx(2, rel=0.1)
+    areas = cell_areas(tree, normals)
+    for found in (areas, disc_areas(tree, normals)):
+        assert found.sum() == pytest.approx(2, rel=0.1)
     assert noise_level(tree, normals, np.sqrt(areas / np.pi)) < 0.02
     assert open_oriented_points((points, normals), CONFIG).training_defaults["loss"]["cycle"] == 1e3
     moved = points + 0.01 * np.random.default_rng(0).standard_normal(points.shape)
