@@ -38,7 +38,7 @@ def disc_areas(tree: KDTree, normals: Float[Array, "n 3"], threads: int = 1) -> 
     """
     area = np.empty(len(tree.data))
     for rows, distance, _, same in _neighbours(tree, normals, threads):
-        area[rows] = np.pi * distance[:, -1] ** 2 / (1 + same[:, :-1].sum(axis=1))
+        area[rows] = _disc(distance, same)
     return np.minimum(area, _LARGEST * np.median(area))
 
 
@@ -57,18 +57,19 @@ def cell_areas(tree: KDTree, normals: Float[Array, "n 3"], threads: int = 1) -> 
     points = np.asarray(tree.data)
     angles = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     compass = np.stack([np.cos(angles), np.sin(angles)])
-    area = disc_areas(tree, normals, threads)
+    area = np.empty(len(points))
     for rows, distance, index, same in _neighbours(tree, normals, threads):
         ways = (points[index] - points[rows, None]) @ axes_of(normals[rows])[:, :, 1:]
         ways /= np.maximum(np.linalg.norm(ways, axis=2, keepdims=True), 1e-300)
         # A bisector is half of a neighbour's distance away, over the cosine of its direction.
         nearest = (np.where(same, 2 / distance, 0.0)[:, :, None] * (ways @ compass)).max(axis=1)
         # Past the border of a sheet, or of a hole, there are none: there the cell goes on as it is elsewhere.
-        bounded = nearest > 1 / (_RIM * np.sqrt(area[rows, None] / np.pi))
+        disc = _disc(distance, same)
+        bounded = nearest > 1 / (_RIM * np.sqrt(disc[:, None] / np.pi))
         known = bounded.any(axis=1) & ~_along_a_curve((same * distance)[:, :, None] * ways)
         squares = np.where(bounded, nearest, np.inf) ** -2.0
         cell = np.pi * squares.sum(axis=1) / np.maximum(bounded.sum(axis=1), 1)
-        area[rows] = np.where(known, cell, area[rows])
+        area[rows] = np.where(known, cell, disc)
     return np.minimum(area, _LARGEST * np.median(area))
 
 
@@ -82,6 +83,10 @@ def _neighbours(
         rows = slice(start, start + _BLOCK)
         distance, index = (np.asarray(x)[:, 1:] for x in tree.query(points[rows], k=count + 1, workers=threads))
         yield rows, distance, index, np.einsum("nkc,nc->nk", normals[index], normals[rows]) > _AWAY
+
+
+def _disc(distance: Float[Array, "m k"], same: Bool[Array, "m k"]) -> Float[Array, " m"]:
+    return np.pi * distance[:, -1] ** 2 / (1 + same[:, :-1].sum(axis=1))
 
 
 def _along_a_curve(offsets: Float[Array, "n k 2"]) -> Bool[Array, " n"]:
