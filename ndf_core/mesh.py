@@ -114,6 +114,20 @@ def corner_angles(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Fl
     return np.arctan2(sine, np.einsum("fck,fck->fc", forward, backward))
 
 
+def vertex_directions(
+    vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], vectors: Float[Array, "f 3"]
+) -> Float[Array, "v 3"]:
+    """Unit means of the directions that faces have, weighed by their angles at the vertex; zero where they cancel."""
+    weighed = corner_angles(vertices, faces)[:, :, None] * unit(vectors)[:, None]
+    sums = [np.bincount(faces.ravel(), weighed[:, :, axis].ravel(), len(vertices)) for axis in range(3)]
+    return unit(np.stack(sums, axis=1))
+
+
+def vertex_normals(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Float[Array, "v 3"]:
+    """Unit means of the faces' normals, weighed by their angles; zero where they cancel."""
+    return vertex_directions(vertices, faces, face_normals(vertices, faces))
+
+
 def unit(vectors: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
     """Vectors over their lengths; zero where they are."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -14,7 +14,7 @@ from ndf_core.annotations import Float, Int, UInt8
 from ndf_core.asset.content import AssetContent
 from ndf_core.asset.dense_map import BaseLocator
 from ndf_core.asset.fields import COLOR, FieldEvaluator, decoded
-from ndf_core.asset.file import FORMAT_VERSION, asset_bytes, part_bytes, read_asset, write_asset
+from ndf_core.asset.file import asset_bytes, format_version, part_bytes, read_asset, write_asset
 from ndf_core.mesh import topology
 
 if TYPE_CHECKING:
@@ -56,8 +56,8 @@ class Asset:
 
     @property
     def longest_side(self) -> float:
-        """Longest side of the base mesh's bounding box, input units."""
-        vertices = self.content.vertices
+        """Longest side of the bounding box of the base mesh, where it is placed; input units."""
+        vertices = self.content.placed
         return float((vertices.max(axis=0) - vertices.min(axis=0)).max()) * self.content.scale
 
     @property
@@ -173,7 +173,7 @@ class Asset:
         content = self.content
         counts = topology(content.faces, len(content.vertices))
         return {
-            "format_version": FORMAT_VERSION,
+            "format_version": format_version(content),
             "bytes": part_bytes(content),
             "base_mesh": {
                 "vertices": counts.vertices,
@@ -183,6 +183,7 @@ class Asset:
                 "closed": counts.closed,
                 "manifold": counts.manifold,
                 "boundary_edges": counts.boundary_edges,
+                "placed": content.placement is not None,
             },
             "fields": {name: _describe(self.evaluator(name)) for name in sorted(content.fields)},
             "center": [float(value) for value in content.center],

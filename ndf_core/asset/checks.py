@@ -19,6 +19,7 @@ def check_content(content: AssetContent) -> None:
         AssetError: names the part.
     """
     _check_base_mesh(content)
+    _check_placement(content)
     if not (np.isfinite(content.center).all() and content.center.shape == (3,)):
         raise AssetError("its center is not three finite numbers")
     if not (np.isfinite(content.scale) and content.scale > 0):
@@ -42,6 +43,18 @@ def _check_base_mesh(content: AssetContent) -> None:
         raise AssetError("its base mesh has a vertex that is not finite")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise AssetError("its base mesh has a face that names a vertex that does not exist")
+
+
+def _check_placement(content: AssetContent) -> None:
+    placement = content.placement
+    if placement is None:
+        return
+    if placement.codes.shape != content.vertices.shape:
+        raise AssetError(f"its placement has shape {placement.codes.shape} for {len(content.vertices)} vertices")
+    _check_numbers(QuantisedArray(placement.codes, placement.step), "its placement")
+    reach = float(np.abs(placement.positions).max())
+    if not 0 < reach <= limits.REACH:
+        raise AssetError(f"its base mesh is placed up to {reach:g} from the middle of the box frame")
 
 
 def _check_block(block: FieldBlock, vertices: int) -> None:

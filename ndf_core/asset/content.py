@@ -10,6 +10,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from ndf_core.annotations import Float, Int
+from ndf_core.asset.placement import Placement
 
 
 @dataclass(frozen=True)
@@ -119,3 +120,13 @@ class AssetContent:
     """JSON-serialisable: versions, config, fingerprint, measured errors. No time, host or path."""
     base_mesh_blob: bytes
     """The Draco blob that `vertices` and `faces` were decoded from, so that writing is lossless."""
+    placement: Placement | None = None
+    """None where the base mesh was made for this surface."""
+
+    @property
+    def placed(self) -> Float[Array, "v 3"]:
+        """float64, box frame: the vertices from which the displacement starts.
+
+        Learned fields see `vertices` instead, which all assets over this base mesh have, and so can be copied.
+        """
+        return self.vertices if self.placement is None else self.placement.positions

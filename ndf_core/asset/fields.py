@@ -66,8 +66,9 @@ class FieldEvaluator:
             raise AssetError(f"the field {self.block.name!r} is over space; evaluate it at points")
         try:
             content = self._content
+            vertices = content.placed if self.block.kind == "displacement" else content.vertices
             parts = [
-                evaluate_field(network, faces, barycentric, content.vertices, content.faces, threads)
+                evaluate_field(network, faces, barycentric, vertices, content.faces, threads)
                 for network in self._networks()
             ]
         except (IndexError, ValueError) as error:

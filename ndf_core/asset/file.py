@@ -1,9 +1,9 @@
 """The ``.ndf`` file: read and write `AssetContent`.
 
-Layout of version 1, all integers little-endian:
+Layout, all integers little-endian:
 
     magic          6 bytes   89 4E 44 46 0D 0A
-    version        uint16
+    version        uint16    2 where the base mesh has a placement, otherwise 1
     header length  uint32
     header         deflated JSON (`header.py`): what follows, and how large every part is
     codes          the quantised arrays of all fields, range coded (`kernels/codes.py`)
@@ -12,7 +12,7 @@ Layout of version 1, all integers little-endian:
     digest         the first 16 bytes of the SHA-256 of everything before it
 
 Fields are in order of their names; their arrays are the features, latent codes where there are any, then weights and
-biases layer by layer.
+biases layer by layer. The placement of the base mesh comes last.
 """
 
 from __future__ import annotations
@@ -28,11 +28,13 @@ from ndf_core.asset.base_mesh_codec import decode_base_mesh
 from ndf_core.asset.checks import check_content
 from ndf_core.asset.content import AssetContent, FieldBlock, QuantisedArray, Stored
 from ndf_core.asset.header import FieldHeader, Header, Layer, Store, pack_header, parse_header
+from ndf_core.asset.placement import Placement
 from ndf_core.errors import AssetError, InputError
 from ndf_core.files import atomic_write
 from ndf_core.kernels.codes import decode_codes, encode_codes
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""The newest that is read; what has no placement is written as version 1."""
 MAGIC = b"\x89NDF\r\n"
 _PREFIX = struct.Struct("<6sHI")
 _DIGEST_BYTES = 16
@@ -91,11 +93,19 @@ def part_bytes(content: AssetContent) -> dict[str, int]:
     return {**parts, "total": sum(parts.values())}
 
 
+def format_version(content: AssetContent) -> int:
+    """Of the file that holds it."""
+    return 1 if content.placement is None else FORMAT_VERSION
+
+
 def _parts(content: AssetContent) -> dict[str, bytes]:
     """Everything before the digest, in order."""
     check_content(content)
     blocks = [content.fields[name] for name in sorted(content.fields)]
     arrays = [array for block in blocks for array in _arrays(block)]
+    placement = content.placement
+    if placement is not None:
+        arrays.append(QuantisedArray(placement.codes, placement.step))
     codes = encode_codes([_matrix(a.codes) for a in arrays if isinstance(a, QuantisedArray) and a.codes.size])
     plain = b"".join(a.astype(a.dtype.newbyteorder("<")).tobytes() for a in arrays if isinstance(a, np.ndarray))
     header = pack_header(
@@ -108,10 +118,11 @@ def _parts(content: AssetContent) -> dict[str, bytes]:
             scale=float(content.scale),
             fields=tuple(_field_header(block) for block in blocks),
             provenance=content.provenance,
+            placement=None if placement is None else placement.step,
         )
     )
     return {
-        "prefix": _PREFIX.pack(MAGIC, FORMAT_VERSION, len(header)),
+        "prefix": _PREFIX.pack(MAGIC, format_version(content), len(header)),
         "header": header,
         "codes": codes,
         "plain_arrays": plain,
@@ -127,6 +138,8 @@ def parse_asset(data: bytes) -> AssetContent:
     """
     header, body = _open(data)
     shapes = [entry for field in header.fields for entry in field.shapes(header.vertices)]
+    if header.placement is not None:
+        shapes.append(((header.vertices, 3), header.placement))
     if sum(_size(shape) for shape, _ in shapes) > limits.NUMBERS:
         raise AssetError(f"it holds more than {limits.NUMBERS} numbers, the most that this program reads")
     plain_bytes = sum(_size(shape) * np.dtype(store).itemsize for shape, store in shapes if isinstance(store, str))
@@ -144,6 +157,7 @@ def parse_asset(data: bytes) -> AssetContent:
         fields={field.name: _field_block(field, arrays) for field in header.fields},
         provenance=header.provenance,
         base_mesh_blob=blob,
+        placement=_placement(arrays),
     )
     check_content(content)
     return content
@@ -242,6 +256,15 @@ def _read_arrays(shapes: list[tuple[tuple[int, ...], Store]], codes: bytes, plai
             values = next(decoded) if _size(shape) else np.zeros(shape, np.int16)
             arrays.append(QuantisedArray(values.reshape(shape), store))
     return arrays
+
+
+def _placement(left: list[Stored]) -> Placement | None:
+    """From what the fields have left of the arrays."""
+    if not left:
+        return None
+    (array,) = left
+    assert isinstance(array, QuantisedArray), "its store is a step"
+    return Placement(array.codes, array.step)
 
 
 def _field_block(field: FieldHeader, arrays: list[Stored]) -> FieldBlock:

@@ -64,7 +64,7 @@ class FieldHeader:
 
 @dataclass(frozen=True)
 class Header:
-    """The header of format version 1."""
+    """The header, of both format versions."""
 
     vertices: int
     faces: int
@@ -74,6 +74,8 @@ class Header:
     scale: float
     fields: tuple[FieldHeader, ...]
     provenance: Mapping[str, Any]
+    placement: float | None = None
+    """Step of the base mesh's placement."""
 
 
 def pack_header(header: Header) -> bytes:
@@ -82,7 +84,9 @@ def pack_header(header: Header) -> bytes:
     Raises:
         AssetError: the provenance holds something that JSON cannot.
     """
+    placement = {} if header.placement is None else {"placement": _shortest(header.placement)}
     document = {
+        **placement,
         "base_mesh": {
             "codec": "draco",
             "bytes": header.base_mesh_bytes,
@@ -156,6 +160,7 @@ def parse_header(data: bytes) -> Header:
         scale=root.number("scale", 1e-300, 1e300),
         fields=tuple(_parse_field(name, fields.object(name)) for name in fields.names()),
         provenance=root.mapping("provenance"),
+        placement=float(np.float32(root.number("placement", *limits.STEP))) if "placement" in root.names() else None,
     )
     for part in (root, base_mesh, codes):
         part.close()

@@ -18,6 +18,8 @@ WIDTH = 4096
 LEVELS = 24
 FREQUENCY = 2.0**24
 """Highest angular frequency of an encoding, in radians per unit of the box frame."""
+REACH = 1e3
+"""Farthest placed vertex from the middle of the box frame, whose side is 3."""
 NUMBERS = 1 << 26
 """Stored numbers of all fields together: 128 MiB of codes."""
 STEP = (1e-30, 1e30)

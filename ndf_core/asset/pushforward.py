@@ -29,7 +29,7 @@ def mapped_points(content: AssetContent, faces: Int[Array, " n"], barycentric: F
     """
     block = content.fields["displacement"]
     corners = content.faces[faces]
-    triangles = content.vertices[corners]
+    triangles = content.placed[corners]
     positions = np.einsum("nc,ncx->nx", barycentric, triangles)
     edges = triangles[:, 1:] - triangles[:, :1]
     table = values_of(block.features).astype(np.float64)[corners]

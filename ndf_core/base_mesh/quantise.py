@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.asset.base_mesh_codec import BOX_SIDE, MAX_BITS, decode_base_mesh, encode_integer_mesh
+from ndf_core.asset.placement import Placement
 from ndf_core.base_mesh.checks import check_base_mesh, longest_side
 from ndf_core.base_mesh.intersections import self_intersections
 from ndf_core.errors import AssetError, BaseMeshError
@@ -34,6 +35,13 @@ class EncodedBaseMesh:
     """float64: x_input = x_box * scale + center."""
     scale: float
     bits: int
+    placement: Placement | None = None
+    """Where the vertices lie instead, on the surface that another asset's base mesh is fitted to."""
+
+    @property
+    def placed(self) -> Float[Array, "v 3"]:
+        """float64, box frame: where the displacement starts from."""
+        return self.vertices if self.placement is None else self.placement.positions
 
 
 def encode_base_mesh(mesh: BaseMesh, bits: int = 12) -> EncodedBaseMesh:

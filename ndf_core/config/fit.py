@@ -26,8 +26,12 @@ class LossWeights(BaseModel):
         description="lambda_A: squared distance of mapped anchors from their targets (App. D.1); none: 0.1 lambda_P "
         "where there are anchors, 0.02 lambda_P with base_from",
     )
-    normal: float = Field(
-        default=0.0, ge=0, le=1e12, description="squared difference of the mapped and the surface's normal (App. D.2)"
+    normal: float | None = Field(
+        default=None,
+        ge=0,
+        le=1e12,
+        description="squared difference of the mapped and the surface's normal (App. D.2); none: 1e-4 lambda_P with "
+        "base_from where the surface has normals, else 0",
     )
     conformality: float | None = Field(
         default=None,

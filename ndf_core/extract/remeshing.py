@@ -77,7 +77,7 @@ class Remeshing:
             )
         mapped = self._map(_corners(faces, len(used)))
         try:
-            self._kernel = RemeshKernel(content.vertices[used], faces, check.twins, mapped)
+            self._kernel = RemeshKernel(content.placed[used], faces, check.twins, mapped)
         except ValueError as error:
             raise ExtractionError(f"the asset's base mesh cannot be used: {error}; the asset is damaged") from error
         self._sorted = len(used)

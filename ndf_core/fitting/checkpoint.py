@@ -16,6 +16,7 @@ from safetensors.torch import save as save_tensors
 from torch import Tensor
 
 from ndf_core.asset.base_mesh_codec import decode_base_mesh
+from ndf_core.asset.placement import Placement
 from ndf_core.base_mesh.quantise import EncodedBaseMesh
 from ndf_core.errors import ResumeError
 from ndf_core.files import atomic_write
@@ -71,7 +72,9 @@ def read_checkpoint(path: Path, identity: dict[str, Any]) -> dict[str, Tensor]:
 def base_mesh_tensors(base: EncodedBaseMesh, remarks: tuple[Remark, ...]) -> dict[str, Tensor]:
     """The base mesh as part of a checkpoint: a resumed run need not make it again."""
     told = json.dumps([asdict(remark) for remark in remarks])
+    placed = base.placement
     return {
+        **({} if placed is None else {"base.placement": torch.from_numpy(placed.codes)}),
         "base.blob": torch.frombuffer(bytearray(base.blob), dtype=torch.uint8),
         "base.counts": torch.tensor([len(base.vertices), len(base.faces), base.bits]),
         "base.center": torch.from_numpy(np.asarray(base.center, dtype=np.float64)),
@@ -90,7 +93,9 @@ def base_mesh_of(tensors: dict[str, Tensor]) -> tuple[EncodedBaseMesh, tuple[Rem
     for told in json.loads(tensors["base.remarks"].numpy().tobytes()):
         position = told.pop("position")
         remarks.append(Remark(**told, position=None if position is None else tuple(position)))
-    return EncodedBaseMesh(blob, points, triangles, center, scale, bits), tuple(remarks)
+    codes = tensors.get("base.placement")
+    placement = None if codes is None else Placement(codes.numpy())
+    return EncodedBaseMesh(blob, points, triangles, center, scale, bits, placement), tuple(remarks)
 
 
 def _digest(tensors: dict[str, Tensor]) -> str:

@@ -51,7 +51,7 @@ def optional_gradient(
         sides = None if normals is None else (mapped.frame.normal.detach() * normals).sum(1).sign()
         total = total + (weights.conformality or 0.0) * conformality_loss(mapped, sides, base.weight)
         if normals is not None:
-            total = total + weights.normal * normal_loss(mapped, normals, base.weight)
+            total = total + (weights.normal or 0.0) * normal_loss(mapped, normals, base.weight)
     return torch.autograd.grad(total, flat)[0]
 
 

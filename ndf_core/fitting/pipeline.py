@@ -31,20 +31,25 @@ from ndf_core.fitting.checkpoint import (
     write_checkpoint,
 )
 from ndf_core.fitting.colors import colors_of, learn_colors
-from ndf_core.fitting.geometry import BaseGeometry
+from ndf_core.fitting.geometry import BaseGeometry, base_frames
 from ndf_core.fitting.identity import initial_parameters
 from ndf_core.fitting.losses import Anchors
 from ndf_core.fitting.measure import Accuracy, measure
 from ndf_core.fitting.observer import Observer, Observers
 from ndf_core.fitting.projection import BoxProjector
 from ndf_core.fitting.quantise import quantise
-from ndf_core.fitting.shared_base import TARGET_FACES, SharedBase, train_start
+from ndf_core.fitting.shared_base import TARGET_FACES, SharedBase, follow
+from ndf_core.fitting.sphere_map import SphereMap
 from ndf_core.fitting.trainer import Trainer, worthwhile_workers
-from ndf_core.interfaces import BaseMesh, Remark, Surface
+from ndf_core.interfaces import Remark, Surface
 from ndf_core.mesh import topology
 
 CONFORMALITY = 3e-4
 """Weight of the conformality loss (App. D.3) beside lambda_P where a base mesh is fitted to another shape."""
+NORMAL = 1e-4
+"""The same of the normal loss (App. D.2): it unfolds slender triangles."""
+TOLD_FOLDED = 0.01
+"""Share of the area of a map that a message tells of."""
 ANCHOR = 0.1
 """Weight of each anchor beside lambda_P (App. D.1), where the map starts from the identity ..."""
 HELD_ANCHOR = 0.02
@@ -157,7 +162,7 @@ class _Run:
         if config.base_from is not None:
             assert self._pairs is not None, "base_from without anchors has been refused"
             self._shared = SharedBase(Path(config.base_from), self._pairs)
-        self._drawn_over: BaseMesh | None = None
+        self._start: SphereMap | None = None
         self._colors = colors_of(surface) if config.colors else None
         self._color_report: dict[str, Any] | None = None
 
@@ -166,15 +171,15 @@ class _Run:
         held = self._held(resume)
         with clock.stage("base mesh"):
             base = self._base_mesh(held)
-        geometry = BaseGeometry(base.vertices, base.faces, self._device)
+        geometry = BaseGeometry(base.placed, base.faces, self._device)
         projector = BoxProjector(self._surface.projector, base.center, base.scale, self._workers)
         anchors = self._anchors(geometry, base)
         with clock.stage("initialise"):
             parameters = initial_parameters(geometry, config if held is None else _without_training(config))
-            if self._shared is not None and self._drawn_over is not None:
-                start = self._shared.start(base, self._drawn_over, config.seed, self._observer.message)
-                train_start(parameters, geometry, start, self._training)
-        trainer = Trainer(parameters, geometry, projector, self._training, self._observer, anchors, self._workers)
+            if self._start is not None:
+                follow(parameters, geometry, self._start, self._training)
+        training = self._with_normals(geometry, projector)
+        trainer = Trainer(parameters, geometry, projector, training, self._observer, anchors, self._workers)
         if held is not None:
             trainer.load_state(held)
             self._observer.message(f"resumed at step {trainer.step_count} of {config.steps}")
@@ -183,9 +188,16 @@ class _Run:
             self._save(trainer, base)
         with clock.stage("quantise"):
             blocks = quantise(parameters, geometry, projector, config.seed, keep_inverse=config.keep_inverse)
-        content = AssetContent(base.vertices, base.faces, base.center, base.scale, blocks, {}, base.blob)
+        content = AssetContent(
+            base.vertices, base.faces, base.center, base.scale, blocks, {}, base.blob, base.placement
+        )
         with clock.stage("measure"):
             accuracy = self._measure(Asset(content))
+        folded = accuracy.folded_area or 0.0
+        if self._shared is not None and folded > TOLD_FOLDED:
+            self._observer.message(
+                f"{folded:.1%} of the surface is folded; give more anchors, or a base mesh of more faces"
+            )
         asset = Asset(replace(content, provenance=self._provenance(accuracy, trainer)))
         if self._colors is not None:
             with clock.stage("colors"):
@@ -239,8 +251,19 @@ class _Run:
             self._observer.message(remark.message)
         if self._shared is None:
             return encode_base_mesh(mesh)
-        self._drawn_over = mesh
-        return self._shared.placed(mesh)
+        base, self._start = self._shared.placed(mesh, self._config.seed, self._observer.message)
+        return base
+
+    def _with_normals(self, geometry: BaseGeometry, projector: BoxProjector) -> FitConfig:
+        """The training of a map between surfaces has the normal loss where the surface has normals."""
+        training = self._training
+        if self._shared is None or training.loss.normal is not None:
+            return training
+        face = torch.zeros(1, dtype=torch.int64, device=geometry.device)
+        middle = torch.full((1, 3), 1 / 3, device=geometry.device)
+        found = projector.project(geometry.positions(face, middle), base_frames(geometry, face).normal)
+        normal = 0.0 if found.normals is None else NORMAL * training.loss.projection
+        return training.model_copy(update={"loss": training.loss.model_copy(update={"normal": normal})})
 
     def _anchors(self, geometry: BaseGeometry, base: EncodedBaseMesh) -> Anchors | None:
         if self._shared is not None:
@@ -259,7 +282,7 @@ class _Run:
         inverse = asset.evaluator("inverse") if "inverse" in content.fields else None
 
         def base_points(faces: Int[Array, " n"], barycentric: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-            return np.einsum("nc,ncx->nx", barycentric, content.vertices[content.faces[faces]])
+            return np.einsum("nc,ncx->nx", barycentric, content.placed[content.faces[faces]])
 
         return measure(
             lambda faces, barycentric: asset.evaluate(faces, barycentric, threads=threads),
@@ -344,7 +367,7 @@ def _anchor_pairs(config: FitConfig) -> Float[Array, "m 6"] | None:
 
 
 def _weights(config: FitConfig) -> LossWeights:
-    """The weights of the losses, with what is left to us filled in."""
+    """The weights of the losses, with what is left to us filled in but for the normal loss's."""
     given = config.loss
     anchor = given.anchor
     if anchor is None and config.anchors:

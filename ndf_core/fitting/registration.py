@@ -22,7 +22,7 @@ from numpy import ndarray as Array
 from scipy.sparse.linalg import splu
 
 from ndf_core.kernels.bvh import TriangleBVH
-from ndf_core.mesh import face_normals, unit
+from ndf_core.mesh import face_normals, unit, vertex_normals
 
 _STEPS = 100
 _STIFFNESS = (2.5, -2.0)
@@ -129,7 +129,7 @@ class _Registration:
         attraction = _ATTRACTION * min(1.0, 2 * progress)
         normals = face_normals(now, faces)
         closest, hit, _ = target.tree.closest(now)
-        facing = (self._vertex_normals(normals) * target.normals[hit]).sum(axis=1)
+        facing = (vertex_normals(now, faces) * target.normals[hit]).sum(axis=1)
         pull = attraction * facing.clip(0, 1)
         points, directions = target.spread(_SPREAD, rng)
         _, under, weights = TriangleBVH(now, faces).closest(points)
@@ -149,7 +149,7 @@ class _Registration:
         if on_target:
             normals = self._target.normals[self._target.tree.closest(self._now)[1]]
         else:
-            normals = self._vertex_normals(face_normals(self._now, self._faces))
+            normals = vertex_normals(self._now, self._faces)
         shift = self._middle() @ self._now - self._now
         self._now = self._now + _RELAXED * (shift - (shift * normals).sum(axis=1, keepdims=True) * normals)
 
@@ -179,11 +179,6 @@ class _Registration:
 
     def _area_of(self, chosen: Bool[Array, " f"]) -> float:
         return float(np.linalg.norm(face_normals(self._now, self._faces), axis=1)[chosen].sum())
-
-    def _vertex_normals(self, normals: Float[Array, "f 3"]) -> Float[Array, "v 3"]:
-        total = np.zeros_like(self._now)
-        np.add.at(total, self._faces.ravel(), np.repeat(normals, 3, axis=0))
-        return unit(total)
 
     def _middle(self) -> sp.csr_matrix:
         """The matrix that takes vertices to the middle of their neighbours, weighed by the triangles between."""

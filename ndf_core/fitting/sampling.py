@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -133,26 +132,16 @@ def by_rejection(
 
 
 def mapped_areas(geometry: BaseGeometry, parameters: Parameters) -> Float[Tensor, " f"]:
-    """Area of every face on the mapped surface (box frame)."""
-
-    def mapped(face: Int[Tensor, " n"], barycentric: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
-        features = interpolate(parameters.features, geometry.faces[face], barycentric)
-        return displace(parameters, geometry.positions(face, barycentric), features)
-
-    return image_areas(geometry, mapped)
-
-
-def image_areas(
-    geometry: BaseGeometry, image: Callable[[Int[Tensor, " n"], Float[Tensor, "n 3"]], Float[Tensor, "n 3"]]
-) -> Float[Tensor, " f"]:
-    """Area of every face where `image` takes it, from its four midpoint triangles."""
+    """Area of every face on the mapped surface (box frame), from its four midpoint triangles."""
     mids = torch.tensor(
         [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]], device=geometry.device
     )
     count = len(geometry.faces)
     face = torch.arange(count, device=geometry.device).repeat_interleave(6)
-    points = image(face, mids.repeat(count, 1)).view(count, 6, 3)
-    small = points[:, torch.tensor([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])]
+    barycentric = mids.repeat(count, 1)
+    features = interpolate(parameters.features, geometry.faces[face], barycentric)
+    mapped = displace(parameters, geometry.positions(face, barycentric), features).view(count, 6, 3)
+    small = mapped[:, torch.tensor([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])]
     sides = small[:, :, 1:] - small[:, :, :1]
     return torch.linalg.vector_norm(torch.linalg.cross(sides[:, :, 0], sides[:, :, 1]), dim=-1).sum(1) / 2
 

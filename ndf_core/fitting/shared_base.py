@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from torch import Tensor
 
 from ndf_core.asset.asset import Asset
 from ndf_core.asset.base_mesh_codec import BOX_SIDE
+from ndf_core.asset.placement import Placement
 from ndf_core.base_mesh.checks import longest_side
 from ndf_core.base_mesh.quantise import EncodedBaseMesh
 from ndf_core.config.fit import FitConfig
@@ -23,11 +25,11 @@ from ndf_core.fitting.losses import Anchors
 from ndf_core.fitting.network import Parameters
 from ndf_core.fitting.optimizer import Optimizer, rate_factor
 from ndf_core.fitting.registration import PlacedAnchors, Target, register
-from ndf_core.fitting.sampling import base_points_at, generator_at, image_areas, stratified
+from ndf_core.fitting.sampling import base_points_at, generator_at, stratified
 from ndf_core.fitting.sphere_map import SphereMap
 from ndf_core.fitting.step import FusedStep, tile_size
 from ndf_core.interfaces import BaseMesh
-from ndf_core.mesh import face_normals, interpolate, topology
+from ndf_core.mesh import face_normals, topology
 
 TARGET_FACES = 20_000
 """Size of the mesh that stands for the surface while the base mesh is drawn over it."""
@@ -53,14 +55,19 @@ class SharedBase:
         """SHA-256 (hex, shortened) of the base mesh: what a run is known by, wherever the asset lies."""
         return hashlib.sha256(self._asset.content.base_mesh_blob).hexdigest()[:32]
 
-    def placed(self, mesh: BaseMesh) -> EncodedBaseMesh:
-        """The base mesh in the box of `mesh`, a mesh of the new surface; bytes, vertices and faces are the asset's.
+    def placed(
+        self, mesh: BaseMesh, seed: int, say: Callable[[str], None]
+    ) -> tuple[EncodedBaseMesh, SphereMap | None]:
+        """The base mesh on `mesh`, a mesh of the new surface; bytes, vertices and faces are the asset's.
+
+        It is registered, or drawn on a common sphere where that folds; then the second is the map that it follows.
 
         Raises:
             BaseMeshError: the two have not the same topology.
         """
         content = self._asset.content
-        own, theirs = topology(content.faces, len(content.vertices)), topology(mesh.faces, len(mesh.vertices))
+        faces = content.faces
+        own, theirs = topology(faces, len(content.vertices)), topology(mesh.faces, len(mesh.vertices))
         if (own.components, own.euler_characteristic) != (theirs.components, theirs.euler_characteristic):
             raise BaseMeshError(
                 f"the base mesh of {self._path} has {own.components} component(s) and Euler characteristic "
@@ -69,7 +76,18 @@ class SharedBase:
             )
         center = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
         scale = longest_side(mesh.vertices) / BOX_SIDE
-        return EncodedBaseMesh(content.base_mesh_blob, content.vertices, content.faces, center, scale, bits=0)
+        base = EncodedBaseMesh(content.base_mesh_blob, content.vertices, faces, center, scale, bits=0)
+        target = Target((mesh.vertices - center) / scale, mesh.faces)
+        anchors = PlacedAnchors(*self._anchors, self._goals(base))
+        positions, sphere_map = register(base.vertices, faces, target, anchors, seed), None
+        folded = _folded(positions, faces, target)
+        if folded > MOST_FOLDED and own.components == 1 and own.genus == 0:
+            try:
+                sphere_map = SphereMap(base.vertices, faces, target, anchors)
+                positions = sphere_map.vertices
+            except FitError as error:
+                say(f"{error}; the map starts with {folded:.2%} of its area folded")
+        return replace(base, placement=Placement.of(positions)), sphere_map
 
     def anchors(self, geometry: BaseGeometry, base: EncodedBaseMesh) -> Anchors:
         """The pairs in the box frame."""
@@ -77,58 +95,29 @@ class SharedBase:
             base_points_at(geometry, *self._anchors), torch.from_numpy(self._goals(base)).float().to(geometry.device)
         )
 
-    def start(
-        self, base: EncodedBaseMesh, mesh: BaseMesh, seed: int, say: Callable[[str], None]
-    ) -> SphereMap | Registered:
-        """Where the base mesh starts on `mesh`, box frame: registered, or by way of a sphere where that folds."""
-        target = Target((mesh.vertices - base.center) / base.scale, mesh.faces)
-        anchors = PlacedAnchors(*self._anchors, self._goals(base))
-        positions = register(base.vertices, base.faces, target, anchors, seed)
-        areas = np.linalg.norm(face_normals(positions, base.faces), axis=1)
-        folded = areas[target.folded(positions, base.faces)].sum() / areas.sum()
-        counts = topology(base.faces, len(base.vertices))
-        if folded > MOST_FOLDED and counts.components == 1 and counts.genus == 0:
-            try:
-                return SphereMap(base.vertices, base.faces, target, anchors)
-            except FitError as error:
-                say(f"{error}; the map starts with {folded:.2%} of its area folded")
-        return Registered(positions, base.faces)
-
     def _goals(self, base: EncodedBaseMesh) -> Float[Array, "m 3"]:
         return (self._pairs[:, 3:] - base.center) / base.scale
 
 
-class Registered:
-    """The map that is linear on each face of the base mesh, given where vertices go."""
-
-    steps = 600
-
-    def __init__(self, positions: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> None:
-        self._positions, self._faces = positions, faces
-
-    def at(self, faces: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-        return interpolate(self._positions, self._faces[faces], weights)
+def _folded(positions: Float[Array, "v 3"], faces: Int[Array, "f 3"], target: Target) -> float:
+    """Share of the area."""
+    areas = np.linalg.norm(face_normals(positions, faces), axis=1)
+    return float(areas[target.folded(positions, faces)].sum() / areas.sum())
 
 
-def train_start(
-    parameters: Parameters, geometry: BaseGeometry, start: SphereMap | Registered, config: FitConfig
-) -> None:
-    """Train the map to `start`, and the inverse to it, in place."""
+def follow(parameters: Parameters, geometry: BaseGeometry, start: SphereMap, config: FitConfig) -> None:
+    """Train the map to `start`, and the inverse to it, in place: it is not linear on faces, as the placed mesh is."""
     config = config.model_copy(update={"steps": start.steps})
 
     def goals(face: Int[Tensor, " n"], barycentric: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
         points = start.at(face.cpu().numpy(), barycentric.double().cpu().numpy())
         return torch.from_numpy(points).float().to(geometry.device)
 
-    areas = geometry.areas
-    if isinstance(start, SphereMap):  # which stretches faces twenty times as much as others
-        image = image_areas(geometry, goals)
-        areas = areas / areas.sum() + image / image.sum()
     tile = tile_size(config.batch, geometry.device)
     step = FusedStep(parameters.shape, tile, config.cycle_stride, geometry.device)
     optimizer = Optimizer(parameters, config)
     for count in range(start.steps):
-        base = stratified(geometry, areas, tile, generator_at(config.seed, -2 - count))
+        base = stratified(geometry, geometry.areas, tile, generator_at(config.seed, -2 - count))
         step.gradient.flat.zero_()
         residual = step.map(parameters, base.batch) - goals(base.face, base.barycentric)
         residual.mul_(2 * config.loss.projection / len(residual))

@@ -32,7 +32,7 @@ class Metric:
 
     def __init__(self, vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"], drawn: Float[Array, "v 3"]) -> None:
         self._tree, self._faces = TriangleBVH(drawn, faces), faces
-        surface, sphere = _sides(sphere_sized(vertices, faces), faces), _sides(drawn, faces)
+        surface, sphere = edge_columns(sphere_sized(vertices, faces), faces), edge_columns(drawn, faces)
         stretched = surface @ np.linalg.pinv(sphere)
         tensors = stretched.transpose(0, 2, 1) @ stretched
         weights = np.repeat(np.linalg.norm(face_normals(drawn, faces), axis=1), 3)
@@ -48,7 +48,7 @@ class Metric:
         return tangent @ tensors @ tangent
 
 
-class _Independent(NamedTuple):
+class Independent(NamedTuple):
     """Vertices of which no two share a triangle, and the corners around each of them."""
 
     vertices: Int[Array, " n"]
@@ -97,7 +97,7 @@ class Distortion:
         self._cotangents = (sides.sum(axis=0) - 2 * sides) / (4 * areas)
         self._areas = areas * (3 * SPHERE / areas.sum())
         self._tensors: Float[Array, "c 3 3"] | None = None
-        self._groups = list(self._independent(fixed))
+        self._groups = list(independent(corners, fixed))
 
     def use(self, metric: Metric, drawn: Float[Array, "v 3"]) -> None:
         """Measure lengths by `metric`, as it is in the middles of the triangles where they are drawn now."""
@@ -117,7 +117,7 @@ class Distortion:
             for group in self._groups:
                 self._move(drawn, group)
 
-    def _move(self, drawn: Float[Array, "v 3"], group: _Independent) -> None:
+    def _move(self, drawn: Float[Array, "v 3"], group: Independent) -> None:
         here = drawn[group.vertices]
         terms = self._terms(drawn, group.corners, here[group.owner])
         energy = self._sum(terms, group)
@@ -154,10 +154,10 @@ class Distortion:
         return _Terms(energy, dirichlet, ratio, area, area_slope, cotangents[1:], measured[1:])
 
     @no_type_check
-    def _sum(self, terms: _Terms, group: _Independent) -> Float[Array, " n"]:
+    def _sum(self, terms: _Terms, group: Independent) -> Float[Array, " n"]:
         return np.add.reduceat(terms.energy**2 / (2 * self._areas[group.corners]), group.starts)
 
-    def _slopes(self, terms: _Terms, group: _Independent) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
+    def _slopes(self, terms: _Terms, group: Independent) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
         """The gradient of each vertex's sum, and about its largest second derivative."""
         slope = (terms.cotangents[:, :, None] * terms.sides).sum(axis=0) * (1 + terms.ratio)[:, None]
         slope -= (2 * terms.dirichlet * terms.ratio / terms.area)[:, None] * terms.area_slope
@@ -169,27 +169,28 @@ class Distortion:
         curvature = outer * (curvature + (slope**2).sum(axis=1) / terms.energy)
         return np.add.reduceat(outer[:, None] * slope, group.starts), np.add.reduceat(curvature, group.starts)
 
-    def _independent(self, fixed: Bool[Array, " v"] | None) -> Iterator[_Independent]:
-        """All vertices that may move, by colour."""
-        starts = np.flatnonzero(np.diff(self._a, prepend=-1))
-        ends = np.append(starts[1:], len(self._a))
-        colors = dict[int, int]()
-        neighbours = self._b.tolist()
-        for vertex, start, end in zip(self._a[starts].tolist(), starts.tolist(), ends.tolist(), strict=True):
-            taken = {colors[other] for other in neighbours[start:end] if other in colors}
-            colors[vertex] = next(color for color in range(len(taken) + 1) if color not in taken)
-        color = np.array([colors[vertex] for vertex in self._a[starts].tolist()])
-        if fixed is not None:
-            color[fixed[self._a[starts]]] = -1
-        for wanted in range(color.max() + 1):
-            chosen = np.flatnonzero(color == wanted)
-            if not len(chosen):
-                continue
-            counts = ends[chosen] - starts[chosen]
-            owner = np.repeat(np.arange(len(chosen)), counts)
-            first = np.cumsum(counts) - counts
-            corners = np.arange(counts.sum()) - first[owner] + starts[chosen][owner]
-            yield _Independent(self._a[starts[chosen]], corners, first, owner)
+
+def independent(corners: Int[Array, "c 3"], fixed: Bool[Array, " v"] | None) -> Iterator[Independent]:
+    """All vertices that may move, by colour; `corners` are in groups by the first of each."""
+    starts = np.flatnonzero(np.diff(corners[:, 0], prepend=-1))
+    ends, vertices = np.append(starts[1:], len(corners)), corners[starts, 0]
+    colors = dict[int, int]()
+    neighbours = corners[:, 1].tolist()
+    for vertex, start, end in zip(vertices.tolist(), starts.tolist(), ends.tolist(), strict=True):
+        taken = {colors[other] for other in neighbours[start:end] if other in colors}
+        colors[vertex] = next(color for color in range(len(taken) + 1) if color not in taken)
+    color = np.array([colors[vertex] for vertex in vertices.tolist()])
+    if fixed is not None:
+        color[fixed[vertices]] = -1
+    for wanted in range(color.max() + 1):
+        chosen = np.flatnonzero(color == wanted)
+        if not len(chosen):
+            continue
+        counts = ends[chosen] - starts[chosen]
+        owner = np.repeat(np.arange(len(chosen)), counts)
+        first = np.cumsum(counts) - counts
+        rows = np.arange(counts.sum()) - first[owner] + starts[chosen][owner]
+        yield Independent(vertices[chosen], rows, first, owner)
 
 
 def sphere_sized(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Float[Array, "v 3"]:
@@ -197,6 +198,7 @@ def sphere_sized(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Flo
     return vertices * np.sqrt(2 * SPHERE / np.linalg.norm(face_normals(vertices, faces), axis=1).sum())
 
 
-def _sides(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Float[Array, "f 3 2"]:
+def edge_columns(vertices: Float[Array, "v 3"], faces: Int[Array, "f 3"]) -> Float[Array, "f 3 2"]:
+    """The two sides of each triangle that start at its first corner, as columns."""
     a, b, c = vertices[faces].transpose(1, 0, 2)
     return np.stack([b - a, c - a], axis=2)

@@ -2,7 +2,8 @@
 
 The surface is drawn first (`sphere_drawing.py`). A coarse drawing of the base mesh is led to where its anchors belong
 on top of the surface's, and is refined there, by the surface's lengths: so a limb gets its share of triangles however
-small its drawing is. No closest point is asked for before everything is in place, so nothing spans two limbs.
+small its drawing is. No closest point is asked for before everything is in place, so nothing spans two limbs. In the
+end its vertices settle (`sphere_settling.py`).
 """
 
 from __future__ import annotations
@@ -11,15 +12,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ndf_core.base_mesh.coarsen import coarsen
 from ndf_core.fitting.registration import PlacedAnchors, Target
 from ndf_core.fitting.sphere_distortion import Metric
 from ndf_core.fitting.sphere_drawing import SphereDrawing, dragged, ways
-from ndf_core.kernels.bvh import TriangleBVH
+from ndf_core.fitting.sphere_settling import settled
+from ndf_core.fitting.sphere_surface import DrawnSurface
 from ndf_core.mesh import face_normals, interpolate, unit
 
-_DRAWN_FACES = 5_000
-"""Of the surface; what is finer is landed on."""
 _PUT_RIGHT = 20
 """Steps in which anchors go from a vertex of their triangle to where they are exactly ..."""
 _BESIDE = 0.15
@@ -29,7 +28,7 @@ _BESIDE = 0.15
 class SphereMap:
     """From points of a base mesh to points of a surface, one to one."""
 
-    steps = 1500
+    steps = 600
     """Of training that the networks need to follow it; it is not linear on faces."""
 
     def __init__(
@@ -49,32 +48,30 @@ class SphereMap:
         Raises:
             FitError: the anchors cannot all be reached without folds, or a mesh is too degenerate.
         """
-        coarse = coarsen(target.vertices, target.faces, min(_DRAWN_FACES, len(target.faces)))
-        self._surface, self._surface_faces, self._target = coarse.vertices, coarse.faces, target
-        drawing = SphereDrawing(coarse.vertices, coarse.faces)
-        drawing.grow(len(coarse.vertices))
-        self._sphere = TriangleBVH(drawing.positions, coarse.faces)
-        self._faces = faces
-        _, at, weights = TriangleBVH(coarse.vertices, coarse.faces).closest(anchors.goals)
-        goals = unit(interpolate(drawing.positions, coarse.faces[at], weights))
-        self._drawn = self._base_mesh(
-            vertices, Metric(coarse.vertices, coarse.faces, drawing.positions), anchors, goals
+        self._surface, self._faces = DrawnSurface(target), faces
+        drawn = self._base_mesh(vertices, anchors)
+        fixed = np.zeros(len(vertices), dtype=bool)
+        fixed[faces[anchors.faces]] = True
+        area, own = (
+            np.linalg.norm(face_normals(*mesh), axis=1).sum()
+            for mesh in ((target.vertices, target.faces), (vertices, faces))
         )
+        self._drawn = settled(drawn, vertices * np.sqrt(area / own), faces, fixed, self._surface)
+
+    @property
+    def vertices(self) -> Float[Array, "v 3"]:
+        """Those of the base mesh, on the target."""
+        return self._surface.points(self._drawn)
 
     def at(self, faces: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
         """Points of the target for points of the base mesh."""
-        on_sphere = unit(interpolate(self._drawn, self._faces[faces], weights))
-        _, at, inside = self._sphere.closest(on_sphere)
-        return self._target.tree.closest(interpolate(self._surface, self._surface_faces[at], inside))[0]
+        return self._surface.points(unit(interpolate(self._drawn, self._faces[faces], weights)))
 
-    def _base_mesh(
-        self,
-        vertices: Float[Array, "v 3"],
-        metric: Metric,
-        anchors: PlacedAnchors,
-        goals: Float[Array, "m 3"],
-    ) -> Float[Array, "v 3"]:
+    def _base_mesh(self, vertices: Float[Array, "v 3"], anchors: PlacedAnchors) -> Float[Array, "v 3"]:
         """Draw it so that anchors are at their goals."""
+        surface = self._surface
+        metric = Metric(surface.vertices, surface.faces, surface.drawn)
+        goals = surface.places(anchors.goals)
         nearest = self._faces[anchors.faces, anchors.weights.argmax(axis=1)]
         kept, which = np.unique(nearest, return_index=True)
         drawing = SphereDrawing(vertices, self._faces, kept)

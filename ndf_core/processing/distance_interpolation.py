@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ndf_core.mesh import unit, vertex_directions, vertex_normals
 from ndf_core.processing.operators import Operators
-from ndf_core.processing.vertex_means import tangents_at_vertices
 
 
 def distances_at_middles(operators: Operators, distances: Float[Array, " v"]) -> Float[Array, "f 3"]:
@@ -23,7 +23,9 @@ def distances_at_middles(operators: Operators, distances: Float[Array, " v"]) ->
     edges = vertices[ends] - vertices[faces]
     chords = np.linalg.norm(edges, axis=2)
     lengths = chords if operators.edge_lengths is None else operators.edge_lengths
-    normals, growth = tangents_at_vertices(vertices, faces, _gradients(vertices, faces, distances))
+    normals = vertex_normals(vertices, faces)
+    growth = vertex_directions(vertices, faces, _gradients(vertices, faces, distances))
+    growth = unit(growth - (growth * normals).sum(axis=1, keepdims=True) * normals)
     with np.errstate(invalid="ignore"):
         bends = _slopes(edges, chords, normals[faces], growth[faces])
         bends -= _slopes(edges, chords, normals[ends], growth[ends])

@@ -7,8 +7,8 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.kernels.mesh_check import check_mesh
+from ndf_core.mesh import vertex_normals
 from ndf_core.processing.triangles import areas
-from ndf_core.processing.vertex_means import vertex_normals
 
 _THINNEST = 1e-3
 """Area over the sum of squared edges, below which a face's curvature is taken as zero; 0.14 if equilateral."""

@@ -138,7 +138,7 @@ class _Sampler:
 
     def __init__(self, asset: Asset, rng: np.random.Generator) -> None:
         self._content, self._rng = asset.content, rng
-        corners = self._content.vertices[self._content.faces]
+        corners = self._content.placed[self._content.faces]
         base = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
         self._ends = np.cumsum(base)
         ratio = mapped_points(self._content, *self._uniform(_PROBES)).area_ratio

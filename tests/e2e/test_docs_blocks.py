@@ -34,7 +34,7 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dense_map, "__defaults__", (10_000,))
     monkeypatch.setattr(quantise, "_SAMPLES", 2000)
     monkeypatch.setattr(shared_base, "TARGET_FACES", 2000)
-    monkeypatch.setattr(shared_base.Registered, "steps", 3)
+    monkeypatch.setattr(shared_base.SphereMap, "steps", 3)
     monkeypatch.setattr(registration, "_STEPS", 10)
     monkeypatch.setattr(registration, "_ROUNDS", 1)
     monkeypatch.setattr(quantise, "_PROBE_SAMPLES", 500)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,22 +15,26 @@ from small_assets import icosphere, open_grid, small_content, torus
 from ndf_core.asset.asset import Asset
 from ndf_core.asset.fields import field_arrays
 from ndf_core.asset.file import write_asset
+from ndf_core.asset.placement import Placement
+from ndf_core.asset.pushforward import mapped_points
 from ndf_core.errors import AssetError
 from ndf_core.kernels.reference import field as reference
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 
 
-def test_golden_asset_of_version_1() -> None:
+@pytest.mark.parametrize("version", [1, 2])
+def test_golden_assets(version: int) -> None:
     """Made once; if this fails, the reader is wrong, never the file. Expected values: the float64 reference."""
-    asset = Asset.load(DATA / "golden_v1.ndf")
-    expected = {name: np.array(values) for name, values in json.loads((DATA / "golden_v1.json").read_text()).items()}
+    asset = Asset.load(DATA / f"golden_v{version}.ndf")
+    told = json.loads((DATA / f"golden_v{version}.json").read_text())
+    expected = {name: np.array(values) for name, values in told.items()}
     at = expected["faces"].astype(np.int32), expected["barycentric"]
     for name in ("displacement", "heat"):
         np.testing.assert_allclose(asset.evaluate(*at, field=name), expected[name], rtol=0, atol=3e-6)
     inverse = asset.evaluator("inverse").at_points(expected["displacement"])
     np.testing.assert_allclose(inverse, expected["inverse"], rtol=0, atol=3e-6)
-    assert asset.content.provenance["note"].startswith("golden asset of format version 1")
+    assert asset.content.provenance["note"].startswith(f"golden asset of format version {version}")
     np.testing.assert_array_equal(asset.content.center, [10.0, -2.5, 0.1])
     assert asset.content.scale == 0.7
     assert (asset.info()["base_mesh"]["vertices"], asset.info()["base_mesh"]["genus"]) == (45, 1)
@@ -45,6 +50,26 @@ def test_evaluation_is_the_network(quantised: bool) -> None:
     arrays = field_arrays(content.fields["displacement"])
     expected = reference.evaluate_field(arrays, faces, weights, content.vertices, content.faces)
     np.testing.assert_allclose(asset.evaluate(faces, weights), expected, rtol=0, atol=3e-6)
+
+
+def test_a_placed_base_mesh_is_where_the_map_starts_and_learned_fields_do_not_see_it() -> None:
+    """The displacement, its derivative and the extracted mesh start from the placed vertices."""
+    content = small_content(icosphere(2))
+    block = replace(content.fields["displacement"], name="mark", kind="continuous", residual=False)
+    content = replace(content, fields={**content.fields, "mark": block})
+    placed = replace(content, placement=Placement.of(content.vertices * [1.0, 0.7, 0.5]))
+    rng = np.random.default_rng(0)
+    faces, weights = rng.integers(0, len(content.faces), 300).astype(np.int32), rng.dirichlet((1.0, 1.0, 1.0), 300)
+    arrays = field_arrays(content.fields["displacement"])
+    expected = reference.evaluate_field(arrays, faces, weights, placed.placed, content.faces)
+    one, other = Asset(placed), Asset(content)
+    np.testing.assert_allclose(one.evaluate(faces, weights), expected, rtol=0, atol=3e-6)
+    np.testing.assert_array_equal(one.evaluate(faces, weights, "mark"), other.evaluate(faces, weights, "mark"))
+    np.testing.assert_allclose(mapped_points(placed, faces, weights).points, expected, rtol=0, atol=3e-6)
+    assert one.info()["base_mesh"]["placed"] and not other.info()["base_mesh"]["placed"]
+    assert (one.info()["format_version"], other.info()["format_version"]) == (2, 1)
+    sides = np.ptp(one.extract(0.1).vertices, axis=0)
+    np.testing.assert_allclose(sides, 3 * np.array([1.0, 0.7, 0.5]), atol=0.3)
 
 
 def test_map_points_is_in_input_units() -> None:

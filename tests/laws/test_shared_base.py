@@ -30,7 +30,6 @@ QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 @pytest.fixture(autouse=True)
 def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shared_base.Registered, "steps", 150)
     monkeypatch.setattr(shared_base, "TARGET_FACES", 1000)
 
 
@@ -50,6 +49,9 @@ def test_the_base_mesh_is_the_other_assets_and_anchors_are_met(tmp_path: Path) -
     result = turned_fit(tmp_path)
     content = result.asset.content
     assert content.base_mesh_blob == SMALL.content.base_mesh_blob
+    assert content.placement is not None
+    np.testing.assert_array_equal(content.vertices, SMALL.content.vertices)
+    np.testing.assert_allclose(np.linalg.norm(content.placed, axis=1), 1.5, rtol=0.07, err_msg="on the other sphere")
     np.testing.assert_allclose(content.center, CENTER, atol=0.02 * RADIUS)
     assert result.report["anchors"]["pairs"] == 6
     assert result.report["anchors"]["largest"] < 0.01

@@ -19,7 +19,8 @@ from small_assets import icosphere, open_grid, small_content, torus
 from ndf_core.asset import limits
 from ndf_core.asset.content import AssetContent, FieldBlock, QuantisedArray, values_of
 from ndf_core.asset.file import asset_bytes, parse_asset, part_bytes, read_asset, write_asset
-from ndf_core.errors import AssetError, InputError, OutputError
+from ndf_core.asset.placement import Placement
+from ndf_core.errors import AssetError, FitError, InputError, OutputError
 
 MESHES = {"sphere": icosphere(1), "torus": torus(), "open": open_grid()}
 
@@ -99,6 +100,44 @@ def test_header_of_the_paper_sized_asset_is_small() -> None:
     assert parts["total"] - parts["codes"] - parts["base_mesh"] <= 600
 
 
+def placed_content() -> AssetContent:
+    """The small sphere's base mesh, on an egg."""
+    content = small_content()
+    return dataclasses.replace(content, placement=Placement.of(content.vertices * [1.0, 0.7, 0.5]))
+
+
+def test_a_placement_makes_it_version_2() -> None:
+    content = placed_content()
+    data, plain = asset_bytes(content), asset_bytes(small_content())
+    assert (data[6], plain[6]) == (2, 1)
+    again = parse_asset(data)
+    assert_equal(content, again)
+    assert again.placement is not None
+    assert asset_bytes(again) == data
+    np.testing.assert_array_equal(again.placed, content.placed)
+    np.testing.assert_allclose(again.placed, content.vertices * [1.0, 0.7, 0.5], atol=3 / 4095 / 2 + 1e-12)
+
+
+def test_a_placement_far_outside_is_refused() -> None:
+    content = placed_content()
+    with pytest.raises(FitError, match="far outside"):
+        Placement.of(content.vertices * 1e3)
+    assert content.placement is not None
+    far = dataclasses.replace(content, placement=Placement(content.placement.codes, 10.0))
+    with pytest.raises(AssetError, match=r"placed up to .* from the middle"):
+        asset_bytes(far)
+    flat = dataclasses.replace(content, placement=Placement(0 * content.placement.codes))
+    with pytest.raises(AssetError, match="placed up to 0 from the middle"):
+        asset_bytes(flat)
+    short = dataclasses.replace(content, placement=Placement(content.placement.codes[1:]))
+    with pytest.raises(AssetError, match=r"placement has shape \(41, 3\) for 42"):
+        asset_bytes(short)
+    with pytest.raises(AssetError, match="placed up to"):
+        parse_asset(repack(asset_bytes(content), set_at("placement", value=1e20), version=2))
+    with pytest.raises(AssetError, match="do not end"):
+        parse_asset(repack(asset_bytes(small_content()), set_at("placement", value=1e-3), version=2))
+
+
 def repack(
     data: bytes, change: Callable[[dict[str, Any]], None] | None = None, insert: bytes = b"", version: int = 1
 ) -> bytes:
@@ -152,7 +191,7 @@ def test_flipped_bytes_under_a_matching_digest_never_crash() -> None:
 
 
 def test_newer_version_says_what_it_needs() -> None:
-    with pytest.raises(AssetError, match=r"format version 7, .* reads versions up to 1; install"):
+    with pytest.raises(AssetError, match=r"format version 7, .* reads versions up to 2; install"):
         parse_asset(repack(asset_bytes(small_content()), version=7))
 
 
