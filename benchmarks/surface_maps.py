@@ -4,7 +4,7 @@
 
 Fits the analytic shape, then its base mesh onto the mesh with the pairs in `anchors/`: a torus onto rocker-arm from
 four base meshes, and a sphere onto spot; with pairs that nobody chose (twelve extremities to their directions from
-the middle), a sphere onto cheburashka and onto horse, whose limbs are too slender for closest points. How far anchors
+the middle), a sphere onto cheburashka, homer and horse, whose limbs are too slender for closest points. How far anchors
 end from their targets, as shares of the longest side; folded area of the field (against the surface's normals) and of
 the extracted mesh (faces that a neighbour is folded over). A picture shows a texture of the analytic shape on both.
 """
@@ -57,6 +57,7 @@ CASES = {
     "rocker-arm, 6,000 faces": Case("torus", TORUS, "rocker-arm.obj", {"faces": 6000}),
     "spot": Case("sphere", SPHERE, "spot.obj", {"faces": 4000}),
     "cheburashka": Case("sphere", SPHERE, "cheburashka.obj", {"faces": 4000}),
+    "homer": Case("sphere", SPHERE, "homer.obj", {"faces": 4000}),
     "horse": Case("sphere", SPHERE, "horse.ply", {"faces": 4000}),
 }
 

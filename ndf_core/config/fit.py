@@ -30,7 +30,7 @@ class LossWeights(BaseModel):
         default=None,
         ge=0,
         le=1e12,
-        description="squared difference of the mapped and the surface's normal (App. D.2); none: 1e-4 lambda_P with "
+        description="squared difference of the mapped and the surface's normal (App. D.2); none: 3e-4 lambda_P with "
         "base_from where the surface has normals, else 0",
     )
     conformality: float | None = Field(

@@ -46,7 +46,7 @@ from ndf_core.mesh import topology
 
 CONFORMALITY = 3e-4
 """Weight of the conformality loss (App. D.3) beside lambda_P where a base mesh is fitted to another shape."""
-NORMAL = 1e-4
+NORMAL = 3e-4
 """The same of the normal loss (App. D.2): it unfolds slender triangles."""
 TOLD_FOLDED = 0.01
 """Share of the area of a map that a message tells of."""

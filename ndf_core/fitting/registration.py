@@ -92,6 +92,12 @@ def register(
     return _Registration(vertices, faces, target, anchors).run(np.random.default_rng(seed))
 
 
+def nearest_rotation(points: Float[Array, "k 3"], goals: Float[Array, "k 3"]) -> Float[Array, "3 3"]:
+    """The rotation R for which points @ R are nearest to `goals` (Kabsch)."""
+    left, _, right = np.linalg.svd(points.T @ goals)
+    return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+
+
 class _Registration:
     def __init__(
         self,

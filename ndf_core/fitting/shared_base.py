@@ -24,12 +24,12 @@ from ndf_core.fitting.geometry import BaseGeometry
 from ndf_core.fitting.losses import Anchors
 from ndf_core.fitting.network import Parameters
 from ndf_core.fitting.optimizer import Optimizer, rate_factor
-from ndf_core.fitting.registration import PlacedAnchors, Target, register
+from ndf_core.fitting.registration import PlacedAnchors, Target, nearest_rotation, register
 from ndf_core.fitting.sampling import base_points_at, generator_at, stratified
 from ndf_core.fitting.sphere_map import SphereMap
 from ndf_core.fitting.step import FusedStep, tile_size
 from ndf_core.interfaces import BaseMesh
-from ndf_core.mesh import face_normals, topology
+from ndf_core.mesh import face_normals, interpolate, topology
 
 TARGET_FACES = 20_000
 """Size of the mesh that stands for the surface while the base mesh is drawn over it."""
@@ -64,6 +64,7 @@ class SharedBase:
 
         Raises:
             BaseMeshError: the two have not the same topology.
+            FitError: the base mesh collapses on the surface.
         """
         content = self._asset.content
         faces = content.faces
@@ -79,15 +80,18 @@ class SharedBase:
         base = EncodedBaseMesh(content.base_mesh_blob, content.vertices, faces, center, scale, bits=0)
         target = Target((mesh.vertices - center) / scale, mesh.faces)
         anchors = PlacedAnchors(*self._anchors, self._goals(base))
-        positions, sphere_map = register(base.vertices, faces, target, anchors, seed), None
+        shape = content.placed
+        starts = interpolate(shape, faces[anchors.faces], anchors.weights)
+        turn = nearest_rotation(starts - starts.mean(axis=0), anchors.goals - anchors.goals.mean(axis=0))
+        positions, sphere_map = register(shape @ turn, faces, target, anchors, seed), None
         folded = _folded(positions, faces, target)
         if folded > MOST_FOLDED and own.components == 1 and own.genus == 0:
             try:
-                sphere_map = SphereMap(base.vertices, faces, target, anchors)
+                sphere_map = SphereMap(shape, faces, target, anchors)
                 positions = sphere_map.vertices
             except FitError as error:
                 say(f"{error}; the map starts with {folded:.2%} of its area folded")
-        return replace(base, placement=Placement.of(positions)), sphere_map
+        return replace(base, placement=Placement.of(positions, faces)), sphere_map
 
     def anchors(self, geometry: BaseGeometry, base: EncodedBaseMesh) -> Anchors:
         """The pairs in the box frame."""

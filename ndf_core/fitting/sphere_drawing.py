@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.errors import FitError
+from ndf_core.fitting.registration import nearest_rotation
 from ndf_core.fitting.sphere_distortion import Distortion, Metric, sphere_sized
 from ndf_core.mesh import unit
 
@@ -112,7 +113,7 @@ class SphereDrawing:
         fixed = np.zeros(len(self._next), dtype=bool)
         fixed[chosen] = True
         distortion, drawn = self._distortion(fixed), np.flatnonzero(self.positions.any(axis=1))
-        self.positions = self.positions @ _rotation(self.positions[chosen], goals)
+        self.positions = self.positions @ nearest_rotation(self.positions[chosen], goals)
         for _ in range(_LEADING_STEPS):
             way = ways(self.positions[chosen], goals)
             length = np.linalg.norm(way, axis=1, keepdims=True)
@@ -231,12 +232,6 @@ def _sees(ring: Float[Array, "k 3"]) -> Float[Array, "3"]:
     if not clearance > 0:
         raise FitError("the mesh is too degenerate to be drawn on a sphere")
     return best
-
-
-def _rotation(points: Float[Array, "k 3"], goals: Float[Array, "k 3"]) -> Float[Array, "3 3"]:
-    """The rotation R for which points @ R are nearest to `goals` (Kabsch)."""
-    left, _, right = np.linalg.svd(points.T @ goals)
-    return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
 
 
 def dragged(

@@ -57,7 +57,7 @@ def test_a_placed_base_mesh_is_where_the_map_starts_and_learned_fields_do_not_se
     content = small_content(icosphere(2))
     block = replace(content.fields["displacement"], name="mark", kind="continuous", residual=False)
     content = replace(content, fields={**content.fields, "mark": block})
-    placed = replace(content, placement=Placement.of(content.vertices * [1.0, 0.7, 0.5]))
+    placed = replace(content, placement=Placement.of(content.vertices * [1.0, 0.7, 0.5], content.faces))
     rng = np.random.default_rng(0)
     faces, weights = rng.integers(0, len(content.faces), 300).astype(np.int32), rng.dirichlet((1.0, 1.0, 1.0), 300)
     arrays = field_arrays(content.fields["displacement"])

@@ -21,6 +21,7 @@ from ndf_core.asset.content import AssetContent, FieldBlock, QuantisedArray, val
 from ndf_core.asset.file import asset_bytes, parse_asset, part_bytes, read_asset, write_asset
 from ndf_core.asset.placement import Placement
 from ndf_core.errors import AssetError, FitError, InputError, OutputError
+from ndf_core.mesh import face_normals
 
 MESHES = {"sphere": icosphere(1), "torus": torus(), "open": open_grid()}
 
@@ -103,7 +104,7 @@ def test_header_of_the_paper_sized_asset_is_small() -> None:
 def placed_content() -> AssetContent:
     """The small sphere's base mesh, on an egg."""
     content = small_content()
-    return dataclasses.replace(content, placement=Placement.of(content.vertices * [1.0, 0.7, 0.5]))
+    return dataclasses.replace(content, placement=Placement.of(content.vertices * [1.0, 0.7, 0.5], content.faces))
 
 
 def test_a_placement_makes_it_version_2() -> None:
@@ -115,13 +116,23 @@ def test_a_placement_makes_it_version_2() -> None:
     assert again.placement is not None
     assert asset_bytes(again) == data
     np.testing.assert_array_equal(again.placed, content.placed)
-    np.testing.assert_allclose(again.placed, content.vertices * [1.0, 0.7, 0.5], atol=3 / 4095 / 2 + 1e-12)
+    np.testing.assert_allclose(again.placed, content.vertices * [1.0, 0.7, 0.5], atol=3 / 8191 / 2 + 1e-9)
+
+
+def test_placed_triangles_have_areas() -> None:
+    """All vertices but four lie on one straight line, or all at one place."""
+    points, faces = icosphere(1)
+    points[4:] = np.linspace(-1, 1, len(points) - 4)[:, None] * [1.0, 0.0, 0.0]
+    placed = Placement.of(points, faces).positions
+    assert face_normals(placed, faces).any(axis=1).all()
+    assert np.abs(placed - points).max() < 0.01
+    assert Placement.of(0 * points, faces).positions.any(), "the sphere is made of a few steps"
 
 
 def test_a_placement_far_outside_is_refused() -> None:
     content = placed_content()
     with pytest.raises(FitError, match="far outside"):
-        Placement.of(content.vertices * 1e3)
+        Placement.of(content.vertices * 1e3, content.faces)
     assert content.placement is not None
     far = dataclasses.replace(content, placement=Placement(content.placement.codes, 10.0))
     with pytest.raises(AssetError, match=r"placed up to .* from the middle"):
