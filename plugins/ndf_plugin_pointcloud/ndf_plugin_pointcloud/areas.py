@@ -61,6 +61,11 @@ def cell_areas(tree: KDTree, normals: Float[Array, "n 3"], threads: int = 1) -> 
     for rows, distance, index, same in _neighbours(tree, normals, threads):
         ways = (points[index] - points[rows, None]) @ axes_of(normals[rows])[:, :, 1:]
         ways /= np.maximum(np.linalg.norm(ways, axis=2, keepdims=True), 1e-300)
+        # Directions are counted from the nearest neighbour's, so that they turn with the points.
+        first = ways[:, 0]
+        ways = np.stack(
+            [np.einsum("nkc,nc->nk", ways, first), np.einsum("nkc,nc->nk", ways, first[:, ::-1] * [-1, 1])], axis=2
+        )
         # A bisector is half of a neighbour's distance away, over the cosine of its direction.
         nearest = (np.where(same, 2 / distance, 0.0)[:, :, None] * (ways @ compass)).max(axis=1)
         # Past the border of a sheet, or of a hole, there are none: there the cell goes on as it is elsewhere.
