@@ -4,9 +4,10 @@
 
 Fits the analytic shape, then its base mesh onto the mesh with the pairs in `anchors/`: a torus onto rocker-arm from
 four base meshes, and a sphere onto spot; with pairs that nobody chose (twelve extremities to their directions from
-the middle), a sphere onto cheburashka, homer and horse, whose limbs are too slender for closest points. How far anchors
-end from their targets, as shares of the longest side; folded area of the field (against the surface's normals) and of
-the extracted mesh (faces that a neighbour is folded over). A picture shows a texture of the analytic shape on both.
+the middle), a sphere onto cheburashka, homer and horse, whose limbs are too slender for closest points. How far
+anchors end from their targets, as shares of the longest side; folded area of the field (against the surface's
+normals) and of the extracted mesh (faces that a neighbour is folded over). A picture shows a texture of the analytic
+shape on both.
 """
 
 from __future__ import annotations
