@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.base_mesh.cube_cases import EDGES, case_triangles
-from ndf_core.base_mesh.lattice import CORNERS, Lattice, ScalarField, evaluate
+from ndf_core.base_mesh.lattice import Lattice, ScalarField, evaluate
 from ndf_core.base_mesh.narrow_band import Band
 
 MARGIN = 1e-3
@@ -35,32 +35,31 @@ def marching_cubes(
     Returns:
         Vertices (float64, input units) and faces (int32).
     """
-    low = band.cells(width)
-    inside = band.at(low[:, None] + width * CORNERS) < 0
-    crossed = inside.any(axis=1) & ~inside.all(axis=1)
-    low, case = low[crossed], inside[crossed] @ (1 << np.arange(8))
+    low, corners = band.crossed_cells(width)
+    case = (band.values[corners] < 0) @ (1 << np.arange(8))
     table, counts = case_triangles()
     edges = table[case][np.arange(table.shape[1]) < counts[case][:, None]].reshape(-1)
     cell = np.repeat(np.arange(len(low)), 3 * counts[case])
     # An edge is named by its lower corner and its axis.
-    start = low[cell] + width * CORNERS[np.array(EDGES)[:, 0]][edges]
-    keys, faces = np.unique(band.lattice.corner_keys(start) * 3 + edges // 4, return_inverse=True)
-    index = band.lattice.corner_index(keys // 3)
-    vertices = _crossings(band, index, keys % 3, width, field, bisections)
+    ends = corners[cell[:, None], np.array(EDGES)[edges]]
+    _, first, faces = np.unique(band.corners[ends[:, 0]] * 3 + edges // 4, return_index=True, return_inverse=True)
+    vertices = _crossings(band, ends[first], edges[first] // 4, width, field, bisections)
     return vertices, faces.reshape(-1, 3).astype(np.int32)
 
 
 def _crossings(
     band: Band,
-    start: Int[Array, "v 3"],
+    places: Int[Array, "v 2"],
     axis: Int[Array, " v"],
     width: int,
     field: ScalarField | None,
     bisections: int,
 ) -> Float[Array, "v 3"]:
+    """Points on edges, given by the places of their ends in the band."""
+    start = band.lattice.corner_index(band.corners[places[:, 0]])
     step = np.zeros(start.shape, dtype=np.int64)
     step[np.arange(len(axis)), axis] = width
-    ends = np.stack([band.at(start), band.at(start + step)])
+    ends = band.values[places.T]
     share = np.stack([np.zeros(len(axis)), np.ones(len(axis))])
     if field is not None:
         for _ in range(bisections):

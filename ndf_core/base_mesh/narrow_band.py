@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
 from ndf_core.base_mesh.lattice import CORNERS, Lattice, ScalarField, distinct, evaluate
@@ -22,11 +22,18 @@ WHOLE = 64
 """Cells along the longest side of the lattice that is sampled as a whole where there is no distance bound."""
 _NEIGHBOURS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])
 _SIDES = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
+_GRID = np.array([[x, y, z] for x in range(3) for y in range(3) for z in range(3)])
+"""Offsets of the corners of a block, in the order of `Band.places`."""
+_CELLS = {
+    1: (CORNERS[:, None] + CORNERS) @ np.array([9, 3, 1]),
+    2: (2 * CORNERS[None]) @ np.array([9, 3, 1]),
+}
+"""The corners of each cell of a block, as rows of `_GRID`, by the width of the cells."""
 
 
 @dataclass(frozen=True)
 class Band:
-    """Samples of a field at all corners of the cells near its level set."""
+    """Samples of a field at all corners of the blocks that its level set crosses."""
 
     lattice: Lattice
     blocks: Int[Array, " b"]
@@ -35,16 +42,50 @@ class Band:
     """Keys of the sampled corners, ascending."""
     values: Float[Array, " n"]
     """Negative inside."""
+    places: Int[Array, "b 27"]
+    """Of the corners of each block, in `corners` and `values`."""
 
-    def cells(self, width: int) -> Int[Array, "m 3"]:
-        """Lowest corners of the cells of width 1 or 2."""
-        low = 2 * self.lattice.cell_index(self.blocks, 2)
-        return low if width == 2 else (low[:, None] + CORNERS).reshape(-1, 3)
+    @classmethod
+    def of(
+        cls, lattice: Lattice, blocks: Int[Array, " b"], corners: Int[Array, " n"], values: Float[Array, " n"]
+    ) -> Band:
+        """Those of `blocks` (ascending) that have corners inside and outside; all their corners are sampled.
 
-    def at(self, index: Int[Array, "... 3"]) -> Float[Array, "..."]:
-        """Values at sampled corners."""
-        keys = self.lattice.corner_keys(index.reshape(-1, 3))
-        return self.values[np.searchsorted(self.corners, keys)].reshape(index.shape[:-1])
+        What is left out has no part of the level set at either resolution, and is most of a band with a loose bound.
+        """
+        places = _places(lattice, blocks, corners)
+        inside = (values < 0)[places]
+        crossed = inside.any(axis=1) & ~inside.all(axis=1)
+        used = np.zeros(len(corners), dtype=bool)
+        used[places[crossed]] = True
+        number = np.cumsum(used, dtype=np.int32) - 1
+        return cls(lattice, blocks[crossed], corners[used], values[used], number[places[crossed]])
+
+    def crossed_cells(self, width: int) -> tuple[Int[Array, "m 3"], Int[Array, "m 8"]]:
+        """Lowest corners of the cells of width 1 or 2 that the level set crosses, and the places of their corners."""
+        inside = (self.values < 0)[self.places][:, _CELLS[width]]
+        block, cell = np.nonzero(inside.any(axis=2) & ~inside.all(axis=2))
+        low = 2 * self.lattice.cell_index(self.blocks[block], 2)
+        return low + CORNERS[cell], self.places[block[:, None], _CELLS[width][cell]]
+
+
+def block_corners(lattice: Lattice, blocks: Int[Array, " b"]) -> Int[Array, " n"]:
+    """Keys of the corners of blocks, ascending, each once."""
+    return distinct((_lowest(lattice, blocks)[:, None] + lattice.corner_keys(_GRID)).reshape(-1))
+
+
+def _lowest(lattice: Lattice, blocks: Int[Array, " b"]) -> Int[Array, " b"]:
+    """Key of the lowest corner of each block; those of the others are as far from it in every block."""
+    return lattice.corner_keys(2 * lattice.cell_index(blocks, 2))
+
+
+def _places(lattice: Lattice, blocks: Int[Array, " b"], corners: Int[Array, " n"]) -> Int[Array, "b 27"]:
+    lowest = _lowest(lattice, blocks)
+    places = np.empty((len(blocks), len(_GRID)), dtype=np.int32)
+    # One offset after the other, since ascending keys are found several times as fast.
+    for i, offset in enumerate(lattice.corner_keys(_GRID)):
+        places[:, i] = np.searchsorted(corners, lowest + offset)
+    return places
 
 
 def sample_near_level_set(
@@ -84,7 +125,7 @@ def sample_near_level_set(
         blocks = _by_sign(sampler)
     else:
         blocks = sampler.lattice.cell_keys(_all_cells(sampler.lattice, 2), 2)
-    band = _follow(sampler, _sampled(sampler, blocks))
+    band = _follow(sampler, np.sort(blocks))
     if not (band.values < 0).any():
         _raise_nothing_found(field, bounds)
     return band
@@ -140,46 +181,46 @@ def _with_sign_change(sampler: Sampler, cells: Int[Array, "n 3"], width: int) ->
     return cells[inside.any(axis=1) & ~inside.all(axis=1)]
 
 
-def _block_corners(lattice: Lattice, blocks: Int[Array, " b"]) -> Int[Array, " n"]:
-    offsets = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    index = (2 * lattice.cell_index(blocks, 2)[:, None] + offsets).reshape(-1, 3)
-    return distinct(lattice.corner_keys(index))
+def _follow(sampler: Sampler, blocks: Int[Array, " b"]) -> Band:
+    """The band of `blocks` and of those beyond each face through which the level set leaves it, until none."""
+    lattice = sampler.lattice
+    corners = block_corners(lattice, blocks)
+    band = fresh = Band.of(lattice, blocks, corners, sampler.sample(corners))
+    blocks, corners, values = band.blocks, band.corners, band.values
+    while len(keys := _beyond(fresh, blocks)):
+        around = block_corners(lattice, keys)
+        known, place = _find(around, corners)
+        sampled = np.empty(len(around))
+        sampled[known], sampled[~known] = values[place[known]], sampler.sample(around[~known])
+        fresh = Band.of(lattice, keys, around, sampled)
+        blocks = np.sort(np.concatenate([blocks, keys]))
+        corners = np.concatenate([corners, around[~known]])
+        order = np.argsort(corners, kind="stable")
+        corners, values = corners[order], np.concatenate([values, sampled[~known]])[order]
+    return band if fresh is band else Band.of(lattice, blocks, corners, values)
 
 
-def _sampled(sampler: Sampler, blocks: Int[Array, " b"]) -> Band:
-    corners = _block_corners(sampler.lattice, blocks)
-    return Band(sampler.lattice, distinct(blocks), corners, sampler.sample(corners))
-
-
-def _follow(sampler: Sampler, band: Band) -> Band:
-    """Add the blocks beyond each face of the band through which the level set leaves it, until there is none."""
-    fresh = band.blocks
-    while len(fresh):
-        fresh = _beyond(band, fresh)
-        if not len(fresh):
-            break
-        corners = _block_corners(band.lattice, fresh)
-        corners = corners[~np.isin(corners, band.corners, assume_unique=True)]
-        keys = np.concatenate([band.corners, corners])
-        values = np.concatenate([band.values, sampler.sample(corners)])
-        order = np.argsort(keys)
-        band = Band(band.lattice, distinct(np.concatenate([band.blocks, fresh])), keys[order], values[order])
-    return band
-
-
-def _beyond(band: Band, blocks: Int[Array, " b"]) -> Int[Array, " m"]:
-    """Blocks not in the band that share a face with a sign change with one of `blocks`."""
-    index = band.lattice.cell_index(blocks, 2)
+def _beyond(band: Band, blocks: Int[Array, " n"]) -> Int[Array, " m"]:
+    """Keys not among `blocks` of the blocks that share a face with a sign change with one of the band's."""
+    inside = (band.values < 0)[band.places]
+    index = band.lattice.cell_index(band.blocks, 2)
     missing: list[Int[Array, " m"]] = []
     for side in _SIDES:
         axis = int(np.flatnonzero(side)[0])
-        grid = np.stack(np.meshgrid(*[np.arange(3)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
-        face = np.insert(grid, axis, 1 + side[axis], axis=1)
-        inside = band.at(2 * index[:, None] + face) < 0
-        crossed = index[inside.any(axis=1) & ~inside.all(axis=1)] + side
+        face = inside[:, _GRID[:, axis] == 1 + side[axis]]
+        crossed = index[face.any(axis=1) & ~face.all(axis=1)] + side
         keys = band.lattice.cell_keys(crossed, 2)
-        missing.append(keys[~np.isin(keys, band.blocks)])
+        missing.append(keys[~_find(keys, blocks)[0]])
     return distinct(np.concatenate(missing))
+
+
+def _find(keys: Int[Array, " n"], among: Int[Array, " m"]) -> tuple[Bool[Array, " n"], Int[Array, " n"]]:
+    """Whether each key is in an ascending array, and where."""
+    place = np.searchsorted(among, keys)
+    known = np.zeros(len(keys), dtype=bool)
+    within = place < len(among)
+    known[within] = among[place[within]] == keys[within]
+    return known, place
 
 
 def _raise_nothing_found(field: ScalarField, bounds: Float[Array, "2 3"]) -> None:

@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from ndf_core.base_mesh.lattice import Lattice, distinct
 from ndf_core.base_mesh.marching_cubes import marching_cubes
-from ndf_core.base_mesh.narrow_band import Band
+from ndf_core.base_mesh.narrow_band import Band, block_corners
 from ndf_core.mesh import face_normals
 from ndf_plugin_nerf.lattice import Nodes
 
@@ -34,10 +34,9 @@ def isosurface(nodes: Nodes, values: Float[Array, "x y z"]) -> Triangles:
         all_of = all_of[:-1:2] & all_of[1::2] & all_of[2::2]
         some, all_of = (np.moveaxis(part, 0, axis) for part in (some, all_of))
     crossed = np.argwhere(some & ~all_of)
-    offsets = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    corners = distinct(lattice.corner_keys((2 * crossed[:, None] + offsets).reshape(-1, 3)))
-    index = lattice.corner_index(corners)
-    band = Band(lattice, distinct(lattice.cell_keys(crossed, 2)), corners, padded[tuple(index.T)])
+    blocks = distinct(lattice.cell_keys(crossed, 2))
+    corners = block_corners(lattice, blocks)
+    band = Band.of(lattice, blocks, corners, padded[tuple(lattice.corner_index(corners).T)])
     return marching_cubes(band)
 
 
