@@ -64,6 +64,12 @@ class LocalDiscs:
         blocks = [self._around(points[i : i + _BLOCK], threads) for i in range(0, len(points), _BLOCK)]
         self._at_points = Discs(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
 
+    @property
+    def flatness(self) -> float:
+        """Median ratio of the discs' half axes: nearly 1 on a sheet, 0 along a curve."""
+        smaller, larger = self._at_points.spreads.T
+        return float(np.median(smaller / np.maximum(larger, 1e-300)))
+
     def __call__(self, queries: Float[Array, "n 3"], threads: int) -> Closest:
         blocks = [self._block(queries[i : i + _BLOCK], threads) for i in range(0, max(len(queries), 1), _BLOCK)]
         return Closest(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))

@@ -27,9 +27,16 @@ class PointsConfig(BaseModel):
     interior: Literal["fill", "keep"] = Field("fill", description="whether a hollow inside is filled")
     open: Literal["auto", "shell", "cap"] = Field(
         "auto",
-        description="what becomes of points that close around nothing: a closed shell as thick as the dilation, or, "
+        description="what becomes of points that close around nothing: a closed shell, or, "
         "with estimated normals, a surface that the winding number caps; auto: the latter where the points close up "
         "but for holes, are a solid too thin to be dilated, or close only with balls wider than 2.5 spacings",
+    )
+    thickness: float | None = Field(
+        None,
+        gt=0,
+        allow_inf_nan=False,
+        description="of a shell; none: the spacing of the points where they lie on a sheet, and as thick as the "
+        "dilation (twice its radius) where they lie on none, such as along curves",
     )
     orient: bool = Field(
         False, description="estimate normals and go on as `oriented-points`, which takes more detail from the points"

@@ -19,6 +19,7 @@ from scipy.spatial import KDTree
 from ndf_core.base_mesh.checks import check_base_mesh
 from ndf_core.interfaces import Surface
 from ndf_core.mesh import face_normals
+from ndf_core.surfaces.dilation import sampling_spacing
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +89,17 @@ def test_an_open_sheet_becomes_a_shell(bowl: np.ndarray) -> None:
     assert surface.sample is not None
     samples = surface.sample(2000, np.random.default_rng(0))[0]
     height = np.linalg.norm(samples, axis=1)[samples[:, 2] < -0.2] - 1
-    assert 0.4 < (height > 0).mean() < 0.65  # both sides, at the distance
-    assert np.abs(height).std() < 0.05 * np.abs(height).mean()
+    assert 0.4 < (height > 0).mean() < 0.65  # both sides, at half the spacing
+    assert np.abs(np.abs(height).mean() / float(np.median(sampling_spacing(bowl))) - 0.5) < 0.05
+    assert np.abs(height).std() < 0.1 * np.abs(height).mean()
+
+
+def test_a_plate_thinner_than_its_points_are_apart_is_a_plate() -> None:
+    """Its points have no sides to tell, and lie about one sheet."""
+    plate = trimesh.creation.box((1, 1, 0.012))
+    surface = open_points(cloud(plate, 6000)[0], PointsConfig())
+    assert surface.sample is not None
+    assert off_surface(plate, surface.sample(2000, np.random.default_rng(0))[0]).mean() < 3e-3
 
 
 def test_a_solid_too_thin_to_be_dilated_is_a_solid() -> None:
@@ -143,7 +153,7 @@ def cage() -> np.ndarray:
 @pytest.mark.parametrize("kind", ["curves", "a sheet"])
 def test_a_shell_is_where_the_dilation_is(kind: str, bowl: np.ndarray) -> None:
     points = cage() if kind == "curves" else bowl
-    surface = open_points(points, PointsConfig(radius=0.15))
+    surface = open_points(points, PointsConfig(radius=0.15, thickness=None if kind == "curves" else 0.3))
     assert "shell" in surface.notes[-1]
     mesh = surface.base_mesh.extract(4000)
     found = surface.projector.project(torch.from_numpy(mesh.vertices))
