@@ -120,6 +120,8 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, help="folder for a picture of each")
     options = parser.parse_args()
     for name in options.names:
+        if options.pictures:
+            options.pictures.mkdir(parents=True, exist_ok=True)
         picture = options.pictures / f"{name}.png" if options.pictures else None
         with tempfile.TemporaryDirectory() as folder:
             found = measured(CASES[name], Path(folder), picture)
