@@ -41,6 +41,14 @@ class FieldConfig(BaseModel):
     rounding: float = Field(
         default=0.02, gt=0, le=10, description="growth of the error that rounding the numbers in the file may cost"
     )
+    size: int = Field(
+        default=0,
+        ge=0,
+        le=2**26,
+        description="most bytes that the numbers in the file may take; where `rounding` takes more, features are "
+        "rounded to what lowers the error most for its bits, which takes longer; for continuous fields without "
+        "latent codes; 0: as many as `rounding` takes",
+    )
     encoding_levels: int = Field(default=8, ge=0, le=16, description="octaves of the periodic encoding")
     base_frequency: float = Field(default=math.pi / 3, gt=0, le=1e3, description="lowest angular frequency")
     feature_scale: float = Field(default=0.1, ge=0, le=10, description="standard deviation of the initial features")

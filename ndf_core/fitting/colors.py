@@ -12,13 +12,15 @@ from ndf_core.fitting.field_fit import FieldFit, fit_field
 from ndf_core.fitting.field_values import FieldValues
 from ndf_core.interfaces import ColoredPoints, Surface
 
-_NUMBERS = 20_000
-"""Features of all vertices together: with some four bits each, and the network, a field of 12 to 15 KB."""
+_NUMBERS = 40_000
+"""Features of all vertices together: some three bits each."""
 _MOST_FEATURES = 16
 _HIDDEN = 48
-_STEPS = 2400
-_ROUNDING = 0.2
-"""Splats of one spot differ by more than that; longer training pays for it."""
+_STEPS = 3600
+_SIZE = 14_850
+"""Most bytes of all numbers: the asset grows by 15,000 at most."""
+_ROUNDING = 0.05
+"""Where that takes fewer bytes."""
 
 
 def colors_of(surface: Surface) -> ColoredPoints:
@@ -47,6 +49,7 @@ def learn_colors(asset: Asset, colored: ColoredPoints, seed: int = 0, threads: i
         feature_scale=0.3,
         feature_learning_rate=0.2,
         rounding=_ROUNDING,
+        size=_SIZE,
         hidden=_HIDDEN,
         steps=_STEPS,
         seed=seed,

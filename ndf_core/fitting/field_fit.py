@@ -20,6 +20,7 @@ from ndf_core.errors import ConfigError, FitError
 from ndf_core.fitting.compact import decorrelate
 from ndf_core.fitting.field_losses import loss_of, squared_error
 from ndf_core.fitting.field_samples import FieldSamples, sample_values
+from ndf_core.fitting.field_size import Standard, coded_size, fit_to_size
 from ndf_core.fitting.field_step import FieldStep
 from ndf_core.fitting.field_values import FieldValues, check_values
 from ndf_core.fitting.geometry import BaseGeometry
@@ -80,6 +81,8 @@ def fit_field(
         raise ConfigError(f"field name {name!r:.70}: must be an identifier of at most 64 letters, not {_RESERVED}")
     if config.latent and config.kind == "categorical":
         raise ConfigError("latent codes are for several fields; a categorical field is one, with an output per class")
+    if config.size and (config.latent or config.kind != "continuous"):
+        raise ConfigError("a size in bytes is for continuous fields without latent codes; leave `size` out")
     start = time.perf_counter()
     checked = check_values(values, config.kind, labels if config.kind == "categorical" else ())
     columns = checked.targets.shape[1] * checked.targets.shape[2]
@@ -144,6 +147,10 @@ class Learned:
     scale: Float[Tensor, " o"]
     """value = shift + scale * output; 0 and 1 but for continuous fields."""
 
+    @property
+    def standard(self) -> Standard:
+        return Standard(self.shift, self.scale)
+
 
 def learn(
     geometry: BaseGeometry, samples: FieldSamples, config: FieldConfig, codes: Float[Tensor, "k l"] | None = None
@@ -161,7 +168,7 @@ def learn(
     """
     device = geometry.device
     if not config.latent:
-        samples = replace(samples, targets=samples.targets.flatten(1)[:, None])
+        samples = _one_field(samples)
     shift, scale = _standard(samples.targets, config.kind)
     samples = replace(samples, targets=(samples.targets - shift) / scale).to(device)
     fields, outputs = samples.targets.shape[1:]
@@ -211,6 +218,11 @@ def learn(
     return Learned(parameters, shift.to(device), scale.to(device))
 
 
+def _one_field(samples: FieldSamples) -> FieldSamples:
+    """All columns as outputs of one run of the network."""
+    return replace(samples, targets=samples.targets.flatten(1)[:, None])
+
+
 def _standard(targets: Float[Tensor, "n k o"], kind: str) -> tuple[Float[Tensor, " o"], Float[Tensor, " o"]]:
     """Mean and standard deviation of each output, over all fields that share it."""
     count = targets.shape[2]
@@ -249,7 +261,7 @@ def rounded_block(
     targets = (targets - learned.shift) / learned.scale
     if config.feature_dim:
         decorrelate(parameters, _feature_sensitivity(parameters, probes))
-    _unscale(learned)
+    learned.standard.to_values(parameters)
     exact = evaluate(parameters, probes) / learned.scale
 
     def loss(candidate: Parameters) -> float:
@@ -263,7 +275,11 @@ def rounded_block(
     names = [key for key, view in parameters.views.items() if view.numel()]
     squared = loss_function is squared_error
     allowed = max(loss(parameters), _LEAST_LOSS[config.kind]) * (1 + config.rounding) ** (2 if squared else 1)
-    grids = coarsest(parameters, sensitivities(parameters, names, change), lambda now: loss(now) <= allowed)
+    sensitivity = sensitivities(parameters, names, change)
+    grids = coarsest(parameters, sensitivity, lambda now, _: loss(now) <= allowed)
+    if config.size and coded_size(parameters, grids) > config.size:
+        with one_thread():
+            grids = fit_to_size(parameters, learned.standard, sensitivity, geometry, _one_field(samples), config)
     layers = range(config.hidden_layers + 1)
     return FieldBlock(
         name=name,
@@ -277,13 +293,6 @@ def rounded_block(
         residual=False,
         latent=stored(parameters, "latent", grids["latent"]) if config.latent else None,
     )
-
-
-def _unscale(learned: Learned) -> None:
-    """Make the last layer give the values themselves, in place."""
-    weight, bias = learned.parameters.layers("forward")[-1]
-    weight.mul_(learned.scale[:, None])
-    bias.mul_(learned.scale).add_(learned.shift)
 
 
 def _feature_sensitivity(parameters: Parameters, base: BasePoints) -> Float[Tensor, "d d"]:

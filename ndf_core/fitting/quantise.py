@@ -14,13 +14,16 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ndf_core.asset.content import FieldBlock, QuantisedArray, Stored
+from ndf_core.asset.content import FieldBlock, QuantisedArray
 from ndf_core.fitting.blocks import field_blocks
 from ndf_core.fitting.compact import canonical_features, error_metric
 from ndf_core.fitting.geometry import BaseGeometry, mapped_frame
 from ndf_core.fitting.network import Parameters, displace, interpolate, invert
 from ndf_core.fitting.projection import BoxProjector
 from ndf_core.fitting.sampling import BasePoints, generator_at, mapped_areas, stratified
+
+Grids = dict[str, float]
+"""The step of each tensor, by name."""
 
 RMS_BUDGET = 0.018
 """Growth of the projection rms that quantising may cost."""
@@ -46,12 +49,12 @@ def quantise(
     canonical_features(parameters, geometry, probes)
     steps = _forward_steps(parameters, geometry, projector, base, probes)
     if keep_inverse:
-        steps |= _inverse_steps(_rounded(parameters, steps), base, probes)
+        steps |= _inverse_steps(rounded(parameters, steps), base, probes)
     # With feature_dim 0 the features are an empty tensor, which any grid holds.
     return field_blocks(parameters.shape, lambda name: stored(parameters, name, steps.get(name, 1.0)), keep_inverse)
 
 
-def stored(parameters: Parameters, name: str, step: float) -> Stored:
+def stored(parameters: Parameters, name: str, step: float) -> QuantisedArray:
     """A tensor on the grid of `step`."""
     codes = torch.round(parameters.views[name].double() / step).clamp_(-_LARGEST_CODE, _LARGEST_CODE)
     return QuantisedArray(codes.cpu().numpy().astype(np.int16), step)
@@ -59,7 +62,7 @@ def stored(parameters: Parameters, name: str, step: float) -> Stored:
 
 def _forward_steps(
     parameters: Parameters, geometry: BaseGeometry, projector: BoxProjector, base: BasePoints, probes: BasePoints
-) -> dict[str, float]:
+) -> Grids:
     metric = error_metric(parameters, geometry, probes)
     exact = _map(parameters, probes)
     directions = None
@@ -84,10 +87,10 @@ def _forward_steps(
         parameters, names, lambda candidate: torch.einsum("nij,nj->ni", metric, _map(candidate, probes) - exact)
     )
     allowed = error(parameters) * (1 + RMS_BUDGET) ** 2
-    return coarsest(parameters, sensitivity, lambda candidate: error(candidate) <= allowed)
+    return coarsest(parameters, sensitivity, lambda candidate, _: error(candidate) <= allowed)
 
 
-def _inverse_steps(parameters: Parameters, base: BasePoints, probes: BasePoints) -> dict[str, float]:
+def _inverse_steps(parameters: Parameters, base: BasePoints, probes: BasePoints) -> Grids:
     """Steps of the inverse network, given the forward one as it will be decoded."""
     points, probe_points = _map(parameters, base), _map(parameters, probes)
     exact = invert(parameters, probe_points)
@@ -98,7 +101,7 @@ def _inverse_steps(parameters: Parameters, base: BasePoints, probes: BasePoints)
     names = [name for name in parameters.views if name.startswith("inverse")]
     sensitivity = sensitivities(parameters, names, lambda candidate: invert(candidate, probe_points) - exact)
     allowed = cycle(parameters) * (1 + CYCLE_BUDGET)
-    return coarsest(parameters, sensitivity, lambda candidate: cycle(candidate) <= allowed)
+    return coarsest(parameters, sensitivity, lambda candidate, _: cycle(candidate) <= allowed)
 
 
 def _map(parameters: Parameters, base: BasePoints) -> Float[Tensor, "n 3"]:
@@ -126,11 +129,11 @@ def sensitivities(
 
 
 def coarsest(
-    parameters: Parameters, sensitivity: dict[str, float], accepted: Callable[[Parameters], bool]
-) -> dict[str, float]:
-    """Steps c / s_t with the largest c, to within a few per cent, that is accepted."""
+    parameters: Parameters, sensitivity: dict[str, float], accepted: Callable[[Parameters, Grids], bool]
+) -> Grids:
+    """Steps c / s_t with the largest c, to within a few per cent, that is accepted, given the rounded parameters."""
 
-    def steps(log_c: float) -> dict[str, float]:
+    def steps(log_c: float) -> Grids:
         least = {n: float(parameters.views[n].abs().max()) / _LARGEST_CODE for n in sensitivity}
         # A step that float32 holds exactly decodes to the same numbers everywhere.
         return {n: float(np.float32(max(2.0**log_c / s, least[n], 1e-12))) for n, s in sensitivity.items()}
@@ -138,16 +141,17 @@ def coarsest(
     low, high = -30.0, 0.0
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
-        if accepted(_rounded(parameters, steps(middle))):
+        grids = steps(middle)
+        if accepted(rounded(parameters, grids), grids):
             low = middle
         else:
             high = middle
     return steps(low)
 
 
-def _rounded(parameters: Parameters, steps: dict[str, float]) -> Parameters:
-    """Parameters as they will be decoded, where `steps` names them."""
+def rounded(parameters: Parameters, grids: Grids) -> Parameters:
+    """Parameters as they will be decoded, where `grids` names them."""
     candidate = Parameters(parameters.shape, parameters.flat.clone())
-    for name, step in steps.items():
+    for name, step in grids.items():
         candidate.views[name].copy_(torch.round(candidate.views[name] / step) * step)
     return candidate

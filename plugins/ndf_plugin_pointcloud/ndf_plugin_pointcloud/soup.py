@@ -26,6 +26,12 @@ class SoupConfig(BaseModel):
     radius: float | None = Field(
         None, gt=0, allow_inf_nan=False, description="of the dilation; none: 1% of the longest side"
     )
+    thickness: float | None = Field(
+        None,
+        gt=0,
+        allow_inf_nan=False,
+        description="of what is dilated: half of it on either side of all triangles; none: twice the radius",
+    )
     interior: Literal["fill", "keep"] = Field("fill", description="whether a hollow inside of a dilation is filled")
     resolution: int | None = Field(
         None,

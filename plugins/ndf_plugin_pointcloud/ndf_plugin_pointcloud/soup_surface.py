@@ -144,11 +144,12 @@ def _dilated(soup: Triangles, config: SoupConfig, digest: str, notes: list[str])
     points = _dense_samples(soup, radius)
     offset = offset_surface(points, radius, config.interior)
     closes = closing_radius(points, radius, radius) is not None
+    distance = radius if config.thickness is None else 0.5 * config.thickness
     notes.append(
-        f"its surface is at the distance {radius:.4g} from the triangles"
+        f"its surface is at the distance {distance:.4g} from the triangles (--thickness)"
         + (", around what they enclose" if closes and config.interior == "fill" else "")
     )
-    projector = ShellProjector(ClosestTriangles(soup.vertices, soup.faces), radius, 3 * radius)
+    projector = ShellProjector(ClosestTriangles(soup.vertices, soup.faces), distance, 3 * radius)
     return Surface(
         representation="soup",
         base_mesh=DilationExtractor(offset),

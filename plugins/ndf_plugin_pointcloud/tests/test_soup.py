@@ -105,12 +105,13 @@ def test_cavities_stay_as_they_are() -> None:
     np.testing.assert_array_equal(oriented.faces, both.faces)
 
 
-def test_sheets_become_shells_and_say_so() -> None:
+@pytest.mark.parametrize(("thickness", "distance"), [(None, 0.05), (0.03, 0.015)])
+def test_sheets_become_shells_and_say_so(thickness: float | None, distance: float) -> None:
     x, y = np.meshgrid(np.linspace(-1, 1, 40), np.linspace(-1, 1, 40), indexing="ij")
     vertices = np.stack([x, y, 0.3 * np.sin(3 * x) * np.cos(2 * y)], axis=-1).reshape(-1, 3)
     a = (np.arange(39)[:, None] * 40 + np.arange(39)).ravel()
     faces = np.concatenate([np.stack([a, a + 40, a + 41], axis=1), np.stack([a, a + 41, a + 1], axis=1)])
-    surface = open_soup((vertices, faces), SoupConfig(radius=0.05))
+    surface = open_soup((vertices, faces), SoupConfig(radius=0.05, thickness=thickness))
     assert any("dilation" in note for note in surface.notes)
     mesh = surface.base_mesh.extract(600)
     check_base_mesh(mesh, euler_characteristic=2, components=1)
@@ -118,10 +119,10 @@ def test_sheets_become_shells_and_say_so() -> None:
     found = surface.projector.project(queries)
     assert bool(found.converged.all())
     sheet = trimesh.Trimesh(vertices, faces, process=False)
-    np.testing.assert_allclose(closest(sheet, found.points.numpy())[1], 0.05, atol=5e-3)
+    np.testing.assert_allclose(closest(sheet, found.points.numpy())[1], distance, atol=5e-3)
     assert surface.sample is not None
     samples, normals = surface.sample(2000, np.random.default_rng(0))
-    np.testing.assert_allclose(closest(sheet, samples)[1], 0.05, atol=5e-3)
+    np.testing.assert_allclose(closest(sheet, samples)[1], distance, atol=5e-3)
     assert normals is not None and 0.4 < (normals[:, 2] > 0).mean() < 0.6  # both sides
 
 
